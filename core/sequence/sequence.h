@@ -1,0 +1,94 @@
+// A recording as values: time-stamped colour and depth frames and the camera they are seen by.
+//
+// Depth is registered to colour: both share one camera and one image size. Time stamps are nanoseconds on one clock;
+// colour and depth stamps may be asynchronous and irregular.
+// Invariant of a validated Sequence: stamps strictly ascend in each stream, the streams overlap in time, the camera is
+// valid, there is at least one frame of each kind.
+// Threads: a Sequence is a value. A FrameSource must allow concurrent calls.
+#ifndef DEPTHTWEEN_CORE_SEQUENCE_SEQUENCE_H_
+#define DEPTHTWEEN_CORE_SEQUENCE_SEQUENCE_H_
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/image.h"
+#include "core/base/status.h"
+#include "core/geometry/camera.h"
+
+namespace depthtween {
+
+// One frame of a stream: when, and its file relative to the sequence folder (for a source without files: its name).
+struct FrameRef {
+  int64_t time_ns = 0;
+  std::string path;
+  // The file name without folder and extension: names this frame's outputs.
+  std::string Stem() const;
+};
+
+struct Sequence {
+  Camera camera;
+  double depth_scale = 0.0;  // stored 16-bit units per metre
+  std::vector<FrameRef> color;
+  std::vector<FrameRef> depth;
+};
+
+// Depth frames 0, n, 2n, ...: the input of a leave-out experiment. n >= 1.
+Sequence KeepEveryNthDepth(const Sequence& sequence, int n);
+
+// Everything wrong with a sequence that can be said without decoding a frame, one message each that names field or file,
+// value, rule and mend. Empty when valid.
+std::vector<absl::Status> Violations(const Sequence& sequence);
+// The first violation, or OK.
+absl::Status Validate(const Sequence& sequence);
+
+// Parses a decimal number of seconds ("1305031232.193716") exactly into nanoseconds. InvalidArgument if it is not one, or
+// outside +-292 years.
+absl::StatusOr<int64_t> ParseSeconds(std::string_view text);
+// The inverse, with 9 decimals.
+std::string FormatSeconds(int64_t time_ns);
+
+// Where frames come from: a folder, a renderer, memory. Indices are those of sequence().
+class FrameSource {
+ public:
+  virtual ~FrameSource() = default;
+  virtual const Sequence& sequence() const = 0;
+  // W x H sRGB.
+  virtual absl::StatusOr<Image<Rgb8>> Color(int index) const = 0;
+  // W x H metres, 0 = unknown.
+  virtual absl::StatusOr<Image<float>> Depth(int index) const = 0;
+};
+
+// A view of `source` with only every n-th depth frame. Borrows `source`.
+class EveryNthDepth : public FrameSource {
+ public:
+  EveryNthDepth(const FrameSource& source, int n);
+  const Sequence& sequence() const override { return sequence_; }
+  absl::StatusOr<Image<Rgb8>> Color(int index) const override { return source_.Color(index); }
+  absl::StatusOr<Image<float>> Depth(int index) const override { return source_.Depth(index * n_); }
+
+ private:
+  const FrameSource& source_;
+  const int n_;
+  const Sequence sequence_;
+};
+
+// Frames held in memory: for tests and for callers that have no files.
+class MemorySource : public FrameSource {
+ public:
+  MemorySource(Sequence sequence, std::vector<Image<Rgb8>> color, std::vector<Image<float>> depth_m)
+      : sequence_(std::move(sequence)), color_(std::move(color)), depth_m_(std::move(depth_m)) {}
+  const Sequence& sequence() const override { return sequence_; }
+  absl::StatusOr<Image<Rgb8>> Color(int index) const override { return color_.at(index).Clone(); }
+  absl::StatusOr<Image<float>> Depth(int index) const override { return depth_m_.at(index).Clone(); }
+
+ private:
+  const Sequence sequence_;
+  const std::vector<Image<Rgb8>> color_;
+  const std::vector<Image<float>> depth_m_;
+};
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_SEQUENCE_SEQUENCE_H_

@@ -1,0 +1,3 @@
+#include "core/tools/tools.h"
+
+int main(int argc, char** argv) { return depthtween::tools::Main(argc, argv); }
