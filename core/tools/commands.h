@@ -1,0 +1,29 @@
+// The subcommands of depthtween-core: one file <name>_command.cc and one function here for each.
+//
+// A function adds its subcommand to `app`. When the command line names it, the command runs while `app` parses and
+// stores its exit code; `exit_code` must outlive the parsing.
+#ifndef DEPTHTWEEN_CORE_TOOLS_COMMANDS_H_
+#define DEPTHTWEEN_CORE_TOOLS_COMMANDS_H_
+
+#include <CLI/CLI.hpp>
+
+#include "core/base/status.h"
+
+namespace depthtween::tools {
+
+inline constexpr int kExitOk = 0;
+inline constexpr int kExitFailed = 1;  // the command could not do its work; stderr says why
+inline constexpr int kExitUsage = 2;   // the command line is wrong; nothing was done
+
+// Prints a failure to stderr, for a person to read. Returns the exit code that `status` means.
+int ReportStatus(const absl::Status& status);
+
+void AddSynthCommand(CLI::App& app, int* exit_code);
+void AddUpsampleCommand(CLI::App& app, int* exit_code);
+void AddEvaluateCommand(CLI::App& app, int* exit_code);
+void AddPreviewCommand(CLI::App& app, int* exit_code);
+void AddTaskCommand(CLI::App& app, int* exit_code);
+
+}  // namespace depthtween::tools
+
+#endif  // DEPTHTWEEN_CORE_TOOLS_COMMANDS_H_

@@ -1,0 +1,78 @@
+#include "core/tools/tools.h"
+
+#include <cstdio>
+#include <exception>
+#include <iostream>
+#include <new>
+#include <opencv2/core.hpp>
+#include <string>
+
+#include "core/tools/commands.h"
+
+namespace depthtween::tools {
+namespace {
+
+constexpr char kDescription[] =
+    "Gives depth video the frame rate of colour video.\n"
+    "\n"
+    "A recording is a sequence folder: rgb.txt and depth.txt list time-stamped images, camera.json describes the "
+    "camera.\n"
+    "No recording at hand? These four lines make one, upsample it, measure the result and show it:\n"
+    "\n"
+    "  depthtween-core synth kick -o /tmp/kick\n"
+    "  depthtween-core upsample /tmp/kick -o /tmp/kick_out\n"
+    "  depthtween-core evaluate /tmp/kick_out --reference /tmp/kick --baselines\n"
+    "  depthtween-core preview /tmp/kick_out -o /tmp/kick.png\n";
+
+// What the processor lacks of what this program was compiled for, or null.
+const char* MissingProcessorFeature() {
+#if defined(__x86_64__) && defined(__AVX2__)
+  __builtin_cpu_init();
+  if (!__builtin_cpu_supports("avx2")) return "AVX2";
+  if (!__builtin_cpu_supports("fma")) return "FMA";
+  if (!__builtin_cpu_supports("bmi2")) return "BMI2";
+#endif
+  return nullptr;
+}
+
+}  // namespace
+
+int ReportStatus(const absl::Status& status) {
+  if (status.ok()) return kExitOk;
+  std::cerr << "depthtween-core: " << status.message() << std::endl;
+  return kExitFailed;
+}
+
+int Main(int argc, const char* const* argv) {
+  // First of all, so that an older processor gets a sentence instead of an illegal instruction. fputs: no iostream code
+  // that could itself hold one.
+  if (const char* missing = MissingProcessorFeature()) {
+    std::fputs("depthtween-core: this processor lacks ", stderr);
+    std::fputs(missing, stderr);
+    std::fputs(
+        ", which this build needs (x86-64-v3: Intel Haswell of 2013, AMD Zen of 2017, or later). "
+        "Build for this machine with: cmake --preset release -DDEPTHTWEEN_CPU=native\n",
+        stderr);
+    return kExitFailed;
+  }
+  // Threads are shared out by our own loops, once; OpenCV dividing again inside each would only contend.
+  cv::setNumThreads(1);
+
+  int exit_code = kExitOk;
+  CLI::App app(kDescription, "depthtween-core");
+  app.set_version_flag("--version", "depthtween-core " DEPTHTWEEN_VERSION);
+  app.require_subcommand(1);
+  app.get_formatter()->column_width(34);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? kExitOk : kExitUsage;  // --help and --version end parsing too
+  } catch (const std::bad_alloc&) {
+    return ReportStatus(absl::ResourceExhaustedError("out of memory: use fewer --threads or smaller images"));
+  } catch (const std::exception& error) {
+    return ReportStatus(absl::InternalError(std::string("unexpected failure, please report it: ") + error.what()));
+  }
+  return exit_code;
+}
+
+}  // namespace depthtween::tools
