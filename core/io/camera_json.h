@@ -1,0 +1,30 @@
+// camera.json of a sequence folder: `width height fx fy cx cy [k1 k2 p1 p2 k3] depth_scale`.
+#ifndef DEPTHTWEEN_CORE_IO_CAMERA_JSON_H_
+#define DEPTHTWEEN_CORE_IO_CAMERA_JSON_H_
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+#include "core/base/status.h"
+#include "core/geometry/camera.h"
+
+namespace depthtween {
+
+struct CameraFile {
+  Camera camera;
+  double depth_scale = 0.0;  // stored 16-bit units per metre
+};
+
+// Reads what is there; whether the numbers make a camera is for Violations(Sequence) to say.
+// InvalidArgument names the field that is missing or not a number (NaN and infinity, which some writers put there, are
+// not JSON), and refuses a `depth_camera`: depth must be registered to colour. Fields it does not know are ignored.
+absl::StatusOr<CameraFile> ParseCameraJson(std::string_view text);
+
+// The inverse, to the last bit. Distortion is left out when there is none.
+nlohmann::json CameraToJson(const Camera& camera, double depth_scale);
+std::string FormatCameraJson(const Camera& camera, double depth_scale);
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_IO_CAMERA_JSON_H_
