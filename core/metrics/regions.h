@@ -1,0 +1,68 @@
+// The parts of a frame over which errors are quoted apart, and where a truth map has edges.
+//
+// Units: depth in metres along z, 0 = unknown. Masks: W x H, nonzero = inside.
+// Threads: all functions are pure; safe to call concurrently.
+#ifndef DEPTHTWEEN_CORE_METRICS_REGIONS_H_
+#define DEPTHTWEEN_CORE_METRICS_REGIONS_H_
+
+#include <array>
+#include <cstdint>
+#include <string_view>
+#include <vector>
+
+#include "core/base/image.h"
+
+namespace depthtween {
+
+enum class Region { kAll, kEdgeBand, kInterior, kMoving, kStatic, kDisoccluded };
+inline constexpr std::array kRegions = {Region::kAll,    Region::kEdgeBand, Region::kInterior,
+                                        Region::kMoving, Region::kStatic,   Region::kDisoccluded};
+// "all", "edge_band", ...: the names used in reports.
+std::string_view RegionName(Region region);
+
+inline constexpr float kEdgeJumpM = 0.15F;      // between 3x3 neighbours: what counts as a depth edge
+inline constexpr int kEdgeBandPx = 4;           // the band reaches this far from a jump, along rows and columns
+inline constexpr float kMovingPx = 0.25F;       // true motion per colour frame above which a pixel moves
+inline constexpr float kFarthestTruthM = 8.0F;  // truth beyond is not scored: depth sensors end there
+
+// Pixels on either side of a jump: some 3x3 neighbour differs by more than kEdgeJumpM, both known.
+Image<uint8_t> DepthJumps(ImageView<const float> depth_m);
+
+// Pixels on the nearer side of a jump: the silhouettes, one pixel wide.
+Image<uint8_t> Silhouettes(ImageView<const float> depth_m);
+
+// Grows a mask by `radius` pixels along rows and columns (a square).
+Image<uint8_t> Dilate(ImageView<const uint8_t> mask, int radius);
+
+// Within kEdgeBandPx of a jump.
+Image<uint8_t> EdgeBand(ImageView<const float> depth_m);
+
+// True motion to the next colour frame.
+struct TrueMotion {
+  ImageView<const Flow2> flow_px;
+  ImageView<const uint8_t> valid;           // nonzero: flow_px is known
+  ImageView<const uint8_t> hidden_in_next;  // nonzero: hidden or outside in the next frame; empty: not known
+};
+
+// Follows every pixel of a key through true motion, to tell what the key could not see.
+// Grammar of use:  (Restart Mask? (Advance Mask?)*)*
+class KeyVisibility {
+ public:
+  // The current frame is a key: all of it is seen.
+  void Restart(int width, int height);
+  // On to the next frame. `motion` is that of the current frame, of the size given to Restart, with hidden_in_next.
+  void Advance(const TrueMotion& motion);
+  // False before Restart.
+  bool Started() const { return !alive_.empty(); }
+  // Pixels of the current frame that the key did not see. Single lines of pixels between seen ones count as seen: they
+  // are where a surface grew, not where one came out from behind another.
+  Image<uint8_t> Unseen() const;
+
+ private:
+  Image<Flow2> position_;  // of each key pixel in the current frame
+  Image<uint8_t> alive_;   // 0: became hidden, or its motion is unknown
+};
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_METRICS_REGIONS_H_

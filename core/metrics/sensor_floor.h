@@ -1,0 +1,29 @@
+// What a real sensor disagrees with itself about: errors of this size say nothing about a method.
+#ifndef DEPTHTWEEN_CORE_METRICS_SENSOR_FLOOR_H_
+#define DEPTHTWEEN_CORE_METRICS_SENSOR_FLOOR_H_
+
+#include "core/base/image.h"
+#include "core/base/status.h"
+#include "core/metrics/scores.h"
+
+namespace depthtween {
+
+// Difference of consecutive measured depth maps where nothing moves, as far as colour tells: the mean of 5x5 pixels
+// changes by less than 3 grey levels everywhere within 4 px.
+// It holds the noise of two maps: where noise is independent, an exact estimate would be scored at 1/sqrt(2) of it.
+class SensorFloor {
+ public:
+  // Depth maps in time order, each with the colour frame of its time. Metres, 0 = unknown.
+  // InvalidArgument if sizes differ.
+  absl::Status Add(ImageView<const Rgb8> color, ImageView<const float> depth_m);
+  DepthScore Score() const { return differences_.Score(); }
+
+ private:
+  DepthErrors differences_;
+  Image<float> previous_grey_;
+  Image<float> previous_depth_m_;
+};
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_METRICS_SENSOR_FLOOR_H_
