@@ -1,0 +1,47 @@
+// One child process: started with limits, listened to line by line, ended without fail.
+#ifndef DEPTHTWEEN_SERVER_JOBS_CHILD_PROCESS_H_
+#define DEPTHTWEEN_SERVER_JOBS_CHILD_PROCESS_H_
+
+#include <cstdint>
+#include <functional>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/time/time.h"
+#include "core/base/status.h"
+
+namespace depthtween::server {
+
+struct ChildSpec {
+  std::vector<std::string> arguments;  // [0] is the program's path; "--progress-fd 3" reaches the pipe
+  std::string folder;                  // of this attempt: gets the files "stdout", "stderr" and "child" (who it is)
+  int64_t memory_bytes = 0;            // RLIMIT_DATA; 0 = none
+  int64_t file_bytes = 0;              // RLIMIT_FSIZE; 0 = none
+  absl::Duration grace = absl::Seconds(1);
+};
+
+struct ChildOutcome {
+  bool stopped = false;      // because `stop` fired or on_line asked for it
+  int exit_code = -1;        // -1 if a signal ended it
+  int signal = 0;            // 0 if it exited
+  std::string error_output;  // the end of its stderr, at most 4 KiB
+  // "exit code 3" or "killed by SIGSEGV (Segmentation fault)"
+  std::string Describe() const;
+};
+
+// Runs a child in its own process group and returns when it has ended and every process of its group was killed.
+// `on_line` gets each line it writes to descriptor 3, on this thread; returning false ends the child. Lines beyond 64
+// KiB are cut. When `stop` fires: SIGTERM to the group, SIGKILL after the grace. The child dies with the *thread* that
+// called this (PR_SET_PDEATHSIG is bound to it), hence with this process. Errors: only when the child could not be
+// started.
+absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, std::stop_token stop,
+                                      const std::function<bool(std::string_view line)>& on_line);
+
+// Kills the process group that a dead server left in `folder`, if it still lives and is the same one (by start time).
+void KillLeftChild(const std::string& folder);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_JOBS_CHILD_PROCESS_H_

@@ -1,0 +1,96 @@
+// Runs jobs: claims tasks from the store, runs each in a child process, records what is finished, and tells who
+// watches.
+//
+// Life of a job: prepare (how the clip is cut, and its constants) -> batches of intervals on all workers -> assemble.
+// An interval's frames are moved into the job's out folder, made durable and recorded, in this order, as soon as it is
+// done: after kill -9 nothing recorded is computed again, and nothing half-written is ever seen.
+// Each attempt at a task writes to a folder of its own, so a child that lives too long harms nothing.
+#ifndef DEPTHTWEEN_SERVER_JOBS_JOB_MANAGER_H_
+#define DEPTHTWEEN_SERVER_JOBS_JOB_MANAGER_H_
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/time/time.h"
+#include "core/base/status.h"
+#include "server/jobs/progress.h"
+#include "server/jobs/watch.h"
+#include "server/store/data_directory.h"
+#include "server/store/store.h"
+
+namespace depthtween::server {
+
+struct JobManagerOptions {
+  std::string core_program;  // path of depthtween-core
+  int workers = 1;           // tasks that run at the same time, > 0
+  int default_threads = 1;   // of a child whose job leaves it to the server, > 0
+  // A child beyond these fails its task; 0 = no limit.
+  int64_t child_memory_bytes = int64_t{16} << 30;  // writable memory it maps, touched or not
+  int64_t child_file_bytes = int64_t{4} << 30;     // size of any one file it writes
+  // Between SIGTERM and SIGKILL when a child has to end. Cancel promises the processor within 2 s.
+  absl::Duration grace = absl::Seconds(1);
+
+  absl::Status Validate() const;
+};
+
+// While a sequence is being validated: frames decoded so far, of how many; 0 of 0 before the child has said.
+struct ValidationProgress {
+  int checked = 0;
+  int of = 0;
+};
+
+// What a job has to offer. kDepth, kUncertainty and kProvenance are made of frames; the others are one file each, there
+// once the job has succeeded.
+enum class OutputKind { kDepth, kUncertainty, kProvenance, kReport, kTimestamps, kCamera };
+struct OutputSpec {
+  OutputKind kind;
+  std::string_view id;         // last part of its resource name
+  std::string_view file_name;  // in a result folder; of frames: the folder that holds <stem>.png
+  bool frames;
+};
+const std::vector<OutputSpec>& AllOutputs();
+
+// Threads: all methods may be called concurrently.
+class JobManager {
+ public:
+  // Ends children that a killed server left behind, gives their work back, and starts the workers. Borrows `directory`
+  // and `store`. NotFound or PermissionDenied if the program cannot be run.
+  static absl::StatusOr<std::unique_ptr<JobManager>> Start(DataDirectory& directory, Store& store,
+                                                           const JobManagerOptions& options);
+  // Stops the workers: children are ended, their unfinished work goes back to the store.
+  virtual ~JobManager() = default;
+
+  // There may be work in the store.
+  virtual void Wake() = 0;
+
+  // As in Store; the view adds progress.
+  virtual absl::StatusOr<JobView> Create(const NewJob& job, std::string_view request_id, bool validate_only) = 0;
+  virtual absl::StatusOr<JobView> Get(std::string_view id) = 0;
+  virtual absl::StatusOr<Page<JobView>> List(const JobFilter& filter, const PageRequest& page) = 0;
+  virtual absl::Status Delete(std::string_view id) = 0;
+  // Returns at once, usually in kCancelling; the children are gone within the grace and a moment.
+  virtual absl::StatusOr<JobView> Cancel(std::string_view id) = 0;
+  virtual absl::StatusOr<JobView> Retry(std::string_view id) = 0;
+
+  // See watch.h. The watch must be destroyed before the manager.
+  virtual absl::StatusOr<std::unique_ptr<JobWatch>> Watch(std::string_view id, std::string_view resume_token,
+                                                          std::function<void()> on_news) = 0;
+
+  // As Store::JobFrames.
+  virtual absl::StatusOr<std::vector<FrameRecord>> Frames(std::string_view id, int first, int count) = 0;
+  // The file of one frame; it may be read once FrameRecord::ready.
+  virtual std::string FrameFile(std::string_view id, OutputKind kind, std::string_view stem) const = 0;
+  // The file of an output that is one file; it may be read once the job has succeeded.
+  virtual std::string OutputFile(std::string_view id, OutputKind kind) const = 0;
+
+  virtual ValidationProgress GetValidationProgress(std::string_view sequence_id) = 0;
+  virtual int workers() const = 0;
+};
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_JOBS_JOB_MANAGER_H_

@@ -1,0 +1,104 @@
+// Sequences from their creation to their commit: the rules of uploading, between the RPC layer and the stores.
+#ifndef DEPTHTWEEN_SERVER_JOBS_SEQUENCES_H_
+#define DEPTHTWEEN_SERVER_JOBS_SEQUENCES_H_
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/status.h"
+#include "server/store/blob_store.h"
+#include "server/store/limits.h"
+#include "server/store/sha256.h"
+#include "server/store/store.h"
+
+namespace depthtween::server {
+
+class Sequences;
+
+// One stream of bytes into one upload.
+//
+// Grammar:  Write* (Finish | Close)?     - destroying it without either is like Close.
+// Errors: OutOfRange (OFFSET_MISMATCH) when `offset` is not where the upload stands; DataLoss (CHECKSUM_MISMATCH) when
+// a crc32c or a file's sha256 does not match: nothing of that message, or of that file, is kept; ResourceExhausted when
+// the disk is full; Aborted (TAKEN_OVER) once another writer of the same upload was opened: the newer connection wins,
+// because the older one is usually dead without knowing. After an error only Close makes sense, and a new writer may go
+// on. Threads: one at a time.
+class UploadWriter {
+ public:
+  ~UploadWriter();
+  UploadWriter(const UploadWriter&) = delete;
+  UploadWriter& operator=(const UploadWriter&) = delete;
+
+  // Bytes are durable when Close or Finish returned OK, and every kFlushBytes on the way.
+  absl::Status Write(int64_t offset, std::string_view bytes, uint32_t crc32c);
+  // Makes durable what was written. The record says how far the upload is.
+  absl::StatusOr<UploadRecord> Close();
+  // Close, and the upload is complete. FailedPrecondition if bytes are missing.
+  absl::StatusOr<UploadRecord> Finish();
+
+ private:
+  friend class Sequences;
+  struct Turn;  // whose turn it is to write an upload
+  static constexpr int64_t kFlushBytes = 16 << 20;
+
+  UploadWriter(Sequences& sequences, UploadRecord upload, std::vector<UploadFile> files, std::shared_ptr<Turn> turn);
+  absl::Status CheckTurn() const;
+  absl::Status StartFile();
+  absl::Status WriteToFiles(std::string_view bytes);
+  absl::Status CompleteFile();
+  absl::Status Flush();
+
+  Sequences& sequences_;
+  UploadRecord upload_;  // committed_size as the store knows it
+  const std::vector<UploadFile> files_;
+  const std::shared_ptr<Turn> turn_;
+  const int64_t turn_number_;
+  size_t file_ = 0;         // the file being written
+  int64_t file_start_ = 0;  // its offset in the upload
+  int64_t written_ = 0;     // offset in the upload; bytes beyond committed_size are not yet durable
+  bool file_started_ = false;
+  std::optional<Sha256> hash_;  // of the current file, up to written_
+};
+
+// Threads: all methods may be called concurrently. Borrows the stores.
+class Sequences {
+ public:
+  // `on_work` is called after a commit: there is a validation to do.
+  Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work);
+
+  // As in Store.
+  absl::StatusOr<SequenceRecord> Create(std::string_view display_name, std::string_view request_id);
+  absl::StatusOr<SequenceRecord> Get(std::string_view id);
+  absl::StatusOr<Page<SequenceRecord>> List(const SequenceFilter& filter, const PageRequest& page);
+  // The record, and the files with it.
+  absl::Status Delete(std::string_view id);
+
+  // As Store::CreateUpload; also ResourceExhausted (DISK_FULL) when the disk has no room for it.
+  absl::StatusOr<UploadRecord> StartUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
+                                           std::string_view request_id);
+  absl::StatusOr<UploadRecord> GetUpload(std::string_view sequence_id, std::string_view upload_id);
+  // Takes over from any earlier writer of this upload. FailedPrecondition if it is finished.
+  absl::StatusOr<std::unique_ptr<UploadWriter>> OpenUpload(std::string_view sequence_id, std::string_view upload_id);
+  absl::StatusOr<SequenceRecord> Commit(std::string_view id);
+
+ private:
+  friend class UploadWriter;
+
+  Store& store_;
+  BlobStore& blobs_;
+  const Limits limits_;
+  const std::function<void()> on_work_;
+  std::mutex mutex_;
+  std::map<std::string, std::weak_ptr<UploadWriter::Turn>, std::less<>> turns_;  // guarded by mutex_; by upload id
+};
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_JOBS_SEQUENCES_H_

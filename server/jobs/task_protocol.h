@@ -1,0 +1,53 @@
+// What `depthtween-core task` is told and what it says: command lines out, JSON in. Nothing a child says is trusted.
+#ifndef DEPTHTWEEN_SERVER_JOBS_TASK_PROTOCOL_H_
+#define DEPTHTWEEN_SERVER_JOBS_TASK_PROTOCOL_H_
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/status.h"
+#include "server/store/records.h"
+
+namespace depthtween::server {
+
+// Where a task finds and leaves its files. All are paths; unused ones stay empty.
+struct TaskPaths {
+  std::string program;
+  std::string sequence;   // folder
+  std::string options;    // file
+  std::string constants;  // file: written by prepare, read by the others
+  std::string out;        // folder
+};
+std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths);
+
+// The content of the options file.
+std::string OptionsJson(const UpsampleOptions& options);
+
+// One line of progress. At most one of the members is set; none for a line that says nothing we know.
+struct ProgressLine {
+  struct IntervalDone {
+    int interval = 0;
+    double seconds = 0.0;
+  };
+  struct Checked {
+    int checked = 0;
+    int of = 0;
+  };
+  std::optional<std::string> stage;
+  std::optional<IntervalDone> interval_done;
+  std::optional<Checked> checked;
+  std::optional<absl::Status> error;  // never OK
+};
+ProgressLine ParseProgressLine(std::string_view line);
+
+// What `validate` printed. Internal if it is not what we agreed on.
+absl::StatusOr<ValidationResult> ParseValidation(std::string_view json);
+// What `prepare` wrote. Internal if it is not what we agreed on: intervals and frames must be numbered from 0, every
+// frame in exactly one interval, stems plain file names and different.
+absl::StatusOr<JobPlan> ParsePlan(std::string_view json);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_JOBS_TASK_PROTOCOL_H_

@@ -1,0 +1,63 @@
+// The folder that belongs to one server process, and where everything lies in it.
+//
+//   depthtween.sqlite      the store
+//   sequences/<id>/        files as uploaded, under their relative paths: a sequence folder
+//   jobs/<id>/             options.json, constants.json; out/: the result folder, growing with finished intervals
+//   tasks/<number>/        scratch of one attempt, which nobody else writes to
+//   trash/                 deleted folders on their way out
+//   lock                   held as long as the process lives; holds its process id
+// Threads: all methods may be called concurrently.
+#ifndef DEPTHTWEEN_SERVER_STORE_DATA_DIRECTORY_H_
+#define DEPTHTWEEN_SERVER_STORE_DATA_DIRECTORY_H_
+
+#include <atomic>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <thread>
+
+#include "core/base/status.h"
+
+namespace depthtween::server {
+
+class DataDirectory {
+ public:
+  // Makes the folders that are missing and takes the lock. FailedPrecondition, naming the other process, if it is
+  // taken.
+  static absl::StatusOr<std::unique_ptr<DataDirectory>> Open(const std::string& path);
+  ~DataDirectory();
+  DataDirectory(const DataDirectory&) = delete;
+  DataDirectory& operator=(const DataDirectory&) = delete;
+
+  const std::string& path() const { return path_; }
+  std::string DatabaseFile() const { return path_ + "/depthtween.sqlite"; }
+  std::string SequencesFolder() const { return path_ + "/sequences"; }
+  std::string TasksFolder() const { return path_ + "/tasks"; }
+  std::string SequenceFolder(std::string_view id) const { return Join("/sequences/", id); }
+  std::string JobFolder(std::string_view id) const { return Join("/jobs/", id); }
+  std::string OutFolder(std::string_view job_id) const { return JobFolder(job_id) + "/out"; }
+  std::string TaskFolder(int64_t number) const { return Join("/tasks/", std::to_string(number)); }
+
+  // The folder is gone when this returns (renamed into trash/); its space is freed in the background. A folder that
+  // does not exist is OK.
+  absl::Status Discard(const std::string& folder);
+
+ private:
+  DataDirectory(std::string path, int lock_fd);
+  std::string Join(std::string_view kind, std::string_view id) const;
+  void EmptyTrash(std::stop_token stop);
+
+  const std::string path_;
+  const int lock_fd_;
+  std::atomic<int64_t> trash_count_{0};
+  std::mutex mutex_;
+  std::condition_variable_any trash_changed_;
+  bool trash_full_ = true;  // guarded by mutex_; true at first: an earlier process may have left some
+  std::jthread sweeper_;
+};
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_STORE_DATA_DIRECTORY_H_

@@ -1,0 +1,36 @@
+// A machine-readable reason on a Status: what the RPC layer turns into google.rpc.ErrorInfo.
+#ifndef DEPTHTWEEN_SERVER_STORE_ERROR_INFO_H_
+#define DEPTHTWEEN_SERVER_STORE_ERROR_INFO_H_
+
+#include <map>
+#include <optional>
+#include <string>
+
+#include "core/base/status.h"
+
+namespace depthtween::server {
+
+// Reasons in use, with their code and metadata:
+//   IDEMPOTENCY_MISMATCH   AlreadyExists        request_id
+//   DUPLICATE_PATH         AlreadyExists        path
+//   OFFSET_MISMATCH        OutOfRange           committed_size
+//   CHECKSUM_MISMATCH      DataLoss             committed_size, and path where a file's sha256 is meant
+//   TAKEN_OVER             Aborted              upload
+//   LIMIT_EXCEEDED         ResourceExhausted    limit (the field of Limits), maximum
+//   DISK_FULL              ResourceExhausted
+//   WRONG_STATE            FailedPrecondition   state
+//   BAD_FIELD              InvalidArgument      field
+//   NO_SUCH_RESOURCE       NotFound             resource ("sequences/...", "jobs/...")
+struct ErrorInfo {
+  std::string reason;
+  std::map<std::string, std::string> metadata;
+};
+
+// `status` carrying `info`; replaces an earlier one. OK stays OK.
+absl::Status WithErrorInfo(absl::Status status, const ErrorInfo& info);
+// nullopt when the status carries none.
+std::optional<ErrorInfo> GetErrorInfo(const absl::Status& status);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_STORE_ERROR_INFO_H_

@@ -1,0 +1,176 @@
+// What the store keeps, as plain values.
+//
+// Ids are 16 lower-case hexadecimal digits chosen at random; the RPC layer prefixes them ("sequences/", "jobs/").
+#ifndef DEPTHTWEEN_SERVER_STORE_RECORDS_H_
+#define DEPTHTWEEN_SERVER_STORE_RECORDS_H_
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/time/time.h"
+#include "core/base/status.h"
+#include "core/geometry/camera.h"
+
+namespace depthtween::server {
+
+// ---- sequences ----
+
+// kUploading -> kValidating -> kReady | kInvalid
+enum class SequenceState { kUploading = 1, kValidating = 2, kReady = 3, kInvalid = 4 };
+
+// What is wrong with one file of a sequence; `file` is its relative path.
+struct FileViolation {
+  std::string file;
+  absl::Status status;
+};
+
+// The facts that validation found.
+struct Recording {
+  Camera camera;
+  double depth_scale = 0.0;  // stored 16-bit units per metre
+  int color_frame_count = 0;
+  int depth_frame_count = 0;
+  int64_t first_time_ns = 0;  // of the colour frames
+  int64_t last_time_ns = 0;
+  double median_depth_m = 0.0;
+};
+
+// The outcome of a validation. kReady if and only if `recording` is set.
+struct ValidationResult {
+  std::vector<FileViolation> violations;
+  std::vector<std::string> warnings;
+  absl::Status error;  // why the validation itself could not be done
+  std::optional<Recording> recording;
+};
+
+struct SequenceRecord {
+  std::string id;
+  std::string display_name;
+  SequenceState state = SequenceState::kUploading;
+  absl::Time create_time;
+  absl::Time update_time;
+  int64_t size_bytes = 0;  // announced by its uploads
+  int file_count = 0;
+  ValidationResult validation;  // empty before kReady or kInvalid
+};
+
+// ---- uploads ----
+
+struct UploadFile {
+  std::string path;  // relative to the sequence, see path_rules.h
+  int64_t size_bytes = 0;
+  std::string sha256;  // 32 bytes, or empty: unchecked
+};
+
+// Some files on their way; their bytes follow one another without gap in the order of the manifest.
+struct UploadRecord {
+  std::string id;
+  std::string sequence_id;
+  int64_t size_bytes = 0;
+  int64_t committed_size = 0;  // durable, and the next offset
+  bool finished = false;
+  absl::Time create_time;
+};
+
+// ---- jobs ----
+
+// kQueued -> kRunning -> kSucceeded | kFailed;  kQueued | kRunning -> kCancelling -> kCancelled;
+// kFailed | kCancelled -> kQueued (retry)
+enum class JobState { kQueued = 1, kRunning = 2, kCancelling = 3, kSucceeded = 4, kFailed = 5, kCancelled = 6 };
+
+inline bool HasEnded(JobState state) {
+  return state == JobState::kSucceeded || state == JobState::kFailed || state == JobState::kCancelled;
+}
+
+// "QUEUED" and so on: as filters, messages and logs say it.
+std::string_view ToString(SequenceState state);
+std::string_view ToString(JobState state);
+
+// The options of `depthtween-core upsample`.
+struct UpsampleOptions {
+  std::string method = "ours";  // ours, hold, nearest, linear, flow-warp
+  int key_every = 1;            // every n-th depth frame is input
+  int threads = 0;              // of each child; 0: the server decides. The bits do not depend on it.
+
+  // InvalidArgument with field, value and rule.
+  absl::Status Validate() const;
+};
+
+struct NewJob {
+  std::string display_name;
+  std::string sequence_id;
+  UpsampleOptions options;
+};
+
+struct JobRecord {
+  std::string id;
+  int64_t number = 0;  // ascends in the order of creation
+  std::string display_name;
+  std::string sequence_id;
+  UpsampleOptions options;
+  Recording recording;  // of the sequence when the job was made: it may be deleted later
+  JobState state = JobState::kQueued;
+  int attempt = 1;
+  absl::Status error;  // why it failed
+  absl::Time create_time;
+  absl::Time start_time;  // InfiniteFuture before
+  absl::Time end_time;    // InfiniteFuture before
+  int intervals_done = 0;
+  int intervals_total = 0;  // 0 before `prepare` has counted
+  int frames_done = 0;      // stored and recorded
+  int frames_total = 0;
+  double interval_seconds = 0.0;      // wall seconds, summed over the intervals done
+  std::optional<int> queue_position;  // jobs ahead, while kQueued
+};
+
+// ---- work ----
+
+struct PlannedInterval {
+  int index = 0;
+  int first_frame = 0;
+  int frame_count = 0;
+  bool held = false;
+};
+
+struct PlannedFrame {
+  int index = 0;
+  int64_t time_ns = 0;
+  std::string stem;  // names its files
+};
+
+// What `prepare` found: how the clip is cut, and the frames it will have.
+struct JobPlan {
+  std::vector<PlannedInterval> intervals;
+  std::vector<PlannedFrame> frames;
+};
+
+struct FrameRecord {
+  int index = 0;
+  int64_t time_ns = 0;
+  std::string stem;
+  bool ready = false;  // its interval is done: its files are durable and may be read
+};
+
+enum class TaskKind { kValidate = 1, kPrepare = 2, kIntervals = 3, kAssemble = 4 };
+
+// "validate" and so on: the argument of `depthtween-core task`.
+std::string_view ToString(TaskKind kind);
+
+// One attempt at one piece of work. Its number is never used twice: it fences every write about the task, and names the
+// folder that only this attempt writes to.
+struct Task {
+  int64_t number = 0;
+  TaskKind kind = TaskKind::kValidate;
+  std::string sequence_id;
+  std::string job_id;      // empty for kValidate
+  int first_interval = 0;  // kIntervals only
+  int interval_count = 0;
+  int failures = 0;  // of earlier attempts (for kIntervals: at its first interval)
+};
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_STORE_RECORDS_H_

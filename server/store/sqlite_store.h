@@ -1,0 +1,19 @@
+// Store on one SQLite file: WAL, synchronous=FULL, BEGIN IMMEDIATE, one connection behind one mutex (competing writers
+// would only starve one another).
+#ifndef DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_H_
+#define DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_H_
+
+#include <memory>
+#include <string>
+
+#include "server/store/store.h"
+
+namespace depthtween::server {
+
+// Opens or creates the database and brings its schema up to date. FailedPrecondition if a newer version of the server
+// made it; DataLoss if the file is not a database or is damaged.
+absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, const Limits& limits);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_H_

@@ -1,0 +1,126 @@
+// The server's memory of sequences, uploads, jobs and tasks: what must survive kill -9.
+//
+// Every method is one transaction: when it returns OK the change is durable, otherwise nothing has changed.
+// Errors everywhere: NotFound for an unknown id; ResourceExhausted (DISK_FULL) when the disk is full; Internal for a
+// fault of the database. Reasons are those of error_info.h. Threads: all methods may be called concurrently.
+#ifndef DEPTHTWEEN_SERVER_STORE_STORE_H_
+#define DEPTHTWEEN_SERVER_STORE_STORE_H_
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/status.h"
+#include "server/store/limits.h"
+#include "server/store/records.h"
+
+namespace depthtween::server {
+
+// One page of a list. `token` is a next_token of the same list with the same filter, or empty for the first page.
+struct PageRequest {
+  int size = 50;
+  std::string token;
+};
+template <typename T>
+struct Page {
+  std::vector<T> items;
+  std::string next_token;  // empty on the last page
+};
+
+struct SequenceFilter {
+  std::optional<SequenceState> state;
+};
+struct JobFilter {
+  std::optional<JobState> state;
+  std::optional<std::string> sequence_id;
+};
+
+// How many intervals a worker takes at once, given the job it takes them from.
+using BatchSize = std::function<int(const JobRecord& job)>;
+
+class Store {
+ public:
+  virtual ~Store() = default;
+
+  // ---- sequences ----
+  // `request_id` may be empty. The same id with the same arguments returns what the first call made; with other
+  // arguments AlreadyExists (IDEMPOTENCY_MISMATCH). It is forgotten when what it made is deleted. So for CreateUpload
+  // and CreateJob.
+  virtual absl::StatusOr<SequenceRecord> CreateSequence(std::string_view display_name, std::string_view request_id) = 0;
+  virtual absl::StatusOr<SequenceRecord> GetSequence(std::string_view id) = 0;
+  // Newest first. InvalidArgument for a token that is not of this list and filter.
+  virtual absl::StatusOr<Page<SequenceRecord>> ListSequences(const SequenceFilter& filter, const PageRequest& page) = 0;
+  // FailedPrecondition while validating or while a job that has not ended uses it.
+  virtual absl::Status DeleteSequence(std::string_view id) = 0;
+
+  // ---- uploads ----
+  // Checks paths, sizes and limits. InvalidArgument names the file; AlreadyExists (DUPLICATE_PATH) if the sequence has
+  // it; ResourceExhausted (LIMIT_EXCEEDED); FailedPrecondition unless kUploading.
+  virtual absl::StatusOr<UploadRecord> CreateUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
+                                                    std::string_view request_id) = 0;
+  virtual absl::StatusOr<UploadRecord> GetUpload(std::string_view sequence_id, std::string_view upload_id) = 0;
+  // The manifest, in order.
+  virtual absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) = 0;
+  // Moves committed_size. FailedPrecondition if the upload is finished or its sequence is no longer kUploading.
+  virtual absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size) = 0;
+  // FailedPrecondition unless every byte is committed. Repeating it changes nothing.
+  virtual absl::StatusOr<UploadRecord> FinishUpload(std::string_view upload_id) = 0;
+
+  // kUploading -> kValidating, with a validate task. FailedPrecondition if an upload is unfinished or there is none.
+  // Repeating it changes nothing.
+  virtual absl::StatusOr<SequenceRecord> CommitSequence(std::string_view id) = 0;
+
+  // ---- jobs ----
+  // FailedPrecondition unless the sequence is kReady; ResourceExhausted (LIMIT_EXCEEDED) when the queue is full.
+  // With `validate_only` nothing is made and the record has no id.
+  virtual absl::StatusOr<JobRecord> CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) = 0;
+  virtual absl::StatusOr<JobRecord> GetJob(std::string_view id) = 0;
+  // Newest first. InvalidArgument for a token that is not of this list and filter.
+  virtual absl::StatusOr<Page<JobRecord>> ListJobs(const JobFilter& filter, const PageRequest& page) = 0;
+  // FailedPrecondition unless it has ended.
+  virtual absl::Status DeleteJob(std::string_view id) = 0;
+  // kQueued -> kCancelled, kRunning -> kCancelling (kCancelled when no task of it is running). No task of it starts any
+  // more. Repeating it changes nothing; FailedPrecondition if it ended otherwise.
+  virtual absl::StatusOr<JobRecord> CancelJob(std::string_view id) = 0;
+  // kFailed | kCancelled -> kQueued, keeping finished intervals. FailedPrecondition otherwise, or if the sequence is
+  // gone.
+  virtual absl::StatusOr<JobRecord> RetryJob(std::string_view id) = 0;
+  // Frames [first, first + count) that the job will have; fewer at its end, none before `prepare`.
+  virtual absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count) = 0;
+
+  // ---- work ----
+  // Grammar for one task:  ClaimTask (FinishInterval* | RecordPlan) (CompleteTask | FailTask | ReleaseTask)
+  // All but ClaimTask take the task's number and return FailedPrecondition, changing nothing, when that attempt is no
+  // longer the one that counts: its job failed, or it was released.
+
+  // The next piece of work, now running; nullopt when there is none. Validations go first, then jobs in their order.
+  // Intervals are cut into batches here: contiguous, unfinished, taken by nobody.
+  virtual absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) = 0;
+  // The state of a validation: sequence kValidating -> kReady | kInvalid. Ends the task.
+  virtual absl::Status FinishValidation(int64_t task, const ValidationResult& result) = 0;
+  // What a prepare task found. Ends the task. A plan without intervals is InvalidArgument.
+  virtual absl::Status FinishPrepare(int64_t task, const JobPlan& plan) = 0;
+  // An interval is done: its files are durable. Returns the job. Repeating it changes nothing.
+  virtual absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) = 0;
+  // Ends an intervals or assemble task whose child ended well. Intervals it left undone go back. With the last interval
+  // of a job the assemble task comes into being; with the assemble task the job has kSucceeded.
+  virtual absl::Status CompleteTask(int64_t task) = 0;
+  // Ends an attempt that went wrong. With `retry` and fewer than `kMaxAttempts` failures the work goes back to be
+  // claimed anew; otherwise the job is kFailed (the sequence kInvalid) with `error`, and its other tasks lose their
+  // claims.
+  virtual absl::Status FailTask(int64_t task, const absl::Status& error, bool retry) = 0;
+  // Gives work back without blame: the server stops, or the job is cancelled (kCancelling -> kCancelled with the last).
+  virtual absl::Status ReleaseTask(int64_t task) = 0;
+  // After a restart: releases every task that was running.
+  virtual absl::Status ReleaseAllTasks() = 0;
+};
+
+// Attempts at one piece of work before its job fails.
+inline constexpr int kMaxAttempts = 3;
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_STORE_STORE_H_
