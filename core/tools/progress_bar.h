@@ -1,0 +1,49 @@
+// Tells a person at a terminal how a run gets on: one line that redraws itself, or plain lines where output is not a
+// terminal.
+#ifndef DEPTHTWEEN_CORE_TOOLS_PROGRESS_BAR_H_
+#define DEPTHTWEEN_CORE_TOOLS_PROGRESS_BAR_H_
+
+#include <chrono>
+#include <string>
+
+#include "core/tools/upsample_run.h"
+
+namespace depthtween::tools {
+
+struct Progress {
+  int frames_done = 0, frame_count = 0;
+  int intervals_done = 0, interval_count = 0;
+  double seconds = 0.0;  // since the run began
+  std::string stage;     // what is being done now; may be empty
+};
+
+// "[=====>    ]  50 %  frame 16/33  interval 2/4  12.5 fps  0:01 left  flow", cut to `columns` characters.
+std::string FormatProgressBar(const Progress& progress, int columns);
+// "16 of 33 frames, 2 of 4 intervals, 12.5 fps, 0:01 left".
+std::string FormatProgressLine(const Progress& progress);
+
+// Draws to stderr, so that stdout stays for results. Leaves the cursor at the start of an empty line when destroyed.
+class ProgressBar : public RunObserver {
+ public:
+  explicit ProgressBar(const ClipPlan& plan);
+  ~ProgressBar() override;
+  ProgressBar(const ProgressBar&) = delete;
+  ProgressBar& operator=(const ProgressBar&) = delete;
+
+  void OnStage(int interval, std::string_view stage) override;
+  void OnFrame(int interval, int frame) override;
+  absl::Status OnIntervalDone(const IntervalReport& report) override;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void Show();
+
+  const bool terminal_;
+  const Clock::time_point start_ = Clock::now();
+  Clock::time_point last_shown_ = start_;
+  Progress progress_;
+};
+
+}  // namespace depthtween::tools
+
+#endif  // DEPTHTWEEN_CORE_TOOLS_PROGRESS_BAR_H_

@@ -1,0 +1,30 @@
+#include "core/tools/progress_pipe.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <string>
+
+namespace depthtween::tools {
+
+void ProgressPipe::Send(const nlohmann::json& line) {
+  if (!connected()) return;
+  // File names may hold any bytes; JSON may not.
+  const std::string text = line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+  // A pipe takes up to PIPE_BUF (4096) bytes whole; only a long error message can need a second write, and it is the
+  // last line.
+  for (size_t sent = 0; sent < text.size();) {
+    const ssize_t count = write(fd_, text.data() + sent, text.size() - sent);
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) return on_reader_gone_();
+    sent += static_cast<size_t>(count);
+  }
+}
+
+void ProgressPipe::SendError(const absl::Status& status) {
+  Send({{"error",
+         {{"code", absl::StatusCodeToString(status.code())},
+          {"message", std::string(status.message().data(), status.message().size())}}}});
+}
+
+}  // namespace depthtween::tools

@@ -1,0 +1,36 @@
+// Tells the process that started this one how its task gets on: one JSON object a line on a pipe.
+//
+//   {"stage": "flow", "interval": 3}                         a stage begins
+//   {"frame": 17, "interval": 3}                             its files are on the disk
+//   {"interval_done": 3, "seconds": 0.61, "frames": 8}       so is the interval's report
+//   {"checked": 12, "of": 66}                                files of a sequence
+//   {"error": {"code": "RESOURCE_EXHAUSTED", "message": ""}} the last line of a task that failed
+#ifndef DEPTHTWEEN_CORE_TOOLS_PROGRESS_PIPE_H_
+#define DEPTHTWEEN_CORE_TOOLS_PROGRESS_PIPE_H_
+
+#include <functional>
+#include <nlohmann/json.hpp>
+
+#include "core/base/status.h"
+
+namespace depthtween::tools {
+
+// Threads: safe to call concurrently; a line is written by one call and not torn.
+class ProgressPipe {
+ public:
+  // `fd` stays the caller's; below 0, lines go nowhere. `on_reader_gone` is called when nobody reads any more: the
+  // work is then for no one. SIGPIPE must be ignored.
+  ProgressPipe(int fd, std::function<void()> on_reader_gone) : fd_(fd), on_reader_gone_(std::move(on_reader_gone)) {}
+
+  bool connected() const { return fd_ >= 0; }
+  void Send(const nlohmann::json& line);
+  void SendError(const absl::Status& status);
+
+ private:
+  const int fd_;
+  const std::function<void()> on_reader_gone_;
+};
+
+}  // namespace depthtween::tools
+
+#endif  // DEPTHTWEEN_CORE_TOOLS_PROGRESS_PIPE_H_

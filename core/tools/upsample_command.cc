@@ -1,0 +1,111 @@
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <string>
+
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "core/base/parallel.h"
+#include "core/io/file.h"
+#include "core/io/sequence_folder.h"
+#include "core/tools/commands.h"
+#include "core/tools/progress_bar.h"
+#include "core/tools/signals.h"
+#include "core/tools/upsample_run.h"
+
+namespace depthtween::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct UpsampleArguments {
+  std::string sequence, out;
+  UpsampleOptions options;
+  bool force = false;
+};
+
+// Makes sure that `out` may be written to: new, empty, or with `force` an earlier result, which is removed so that no
+// frame of it survives among the new ones. Everything else in the folder stays.
+absl::Status ClearOutput(const std::string& out, bool force) {
+  std::error_code error;
+  if (!fs::exists(out, error) || (fs::is_directory(out, error) && fs::is_empty(out, error))) return absl::OkStatus();
+  if (!fs::is_directory(out, error)) return absl::InvalidArgumentError(absl::StrCat(out, " is not a folder"));
+  // A result lists no colour; a folder that does is somebody's recording.
+  if (FileExists(JoinPath(out, "rgb.txt")))
+    return absl::InvalidArgumentError(
+        absl::StrCat(out, " holds a recording (rgb.txt), which a result must not be mixed with: name another folder"));
+  if (!force)
+    return absl::AlreadyExistsError(
+        absl::StrCat(out, " is not empty: name another folder, or use --force to replace an earlier result in it"));
+  for (const char* part : {"report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance"}) {
+    const fs::path path = fs::path(out) / part;
+    fs::remove_all(path, error);
+    if (error) return ErrnoStatus(error.value(), "removing " + path.string());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Upsample(const UpsampleArguments& arguments) {
+  StopOnSignals signals;
+  const UpsampleOptions& options = arguments.options;
+  ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
+  ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
+  const EveryNthDepth source(*folder, options.key_every);
+  RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
+  ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, source.sequence()));
+  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(source));
+  for (const std::string& warning : plan.constants.warnings) std::cerr << "warning: " << warning << std::endl;
+
+  std::vector<IntervalReport> reports;
+  {
+    ProgressBar progress(plan);
+    auto ran = RunIntervals(*upsampler, source, plan, 0, static_cast<int>(plan.intervals.size()), options.threads,
+                            signals.token(), writer, progress);
+    if (absl::IsCancelled(ran.status()))
+      return absl::CancelledError(absl::StrFormat(
+          "stopped; the frames in %s are whole, but it is no finished result (run again with --force)", arguments.out));
+    ASSIGN_OR_RETURN(reports, std::move(ran));
+  }
+  const std::string sequence_dir = fs::absolute(arguments.sequence).lexically_normal().string();
+  RETURN_IF_ERROR(AssembleResult(options, sequence_dir, source.sequence(), plan, reports, writer));
+
+  double seconds = 0.0;
+  for (const IntervalReport& report : reports) seconds += report.seconds;
+  const size_t frames = source.sequence().color.size();
+  std::cout << absl::StrFormat("%d frames from %d depth frames in %.1f s (%.1f frames per second): %s\n", frames,
+                               source.sequence().depth.size(), seconds, static_cast<double>(frames) / seconds,
+                               arguments.out);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddUpsampleCommand(CLI::App& app, int* exit_code) {
+  auto arguments = std::make_shared<UpsampleArguments>();
+  arguments->options.threads = AvailableThreads();
+  CLI::App* const command = app.add_subcommand("upsample", "Compute depth for every colour frame of a recording");
+  command->footer(
+      "OUT gets depth/, uncertainty/ and provenance/ PNGs named as the colour frames, depth.txt, camera.json and\n"
+      "report.json.\n"
+      "\n"
+      "Example:  depthtween-core upsample recording -o result\n"
+      "Example:  depthtween-core upsample recording -o result --key-every 4    (then evaluate against the rest)\n");
+  command->add_option("sequence", arguments->sequence, "Sequence folder to read")->required()->type_name("SEQ");
+  command->add_option("-o,--out", arguments->out, "Folder to write the result to")->required()->type_name("OUT");
+  command->add_option("--method", arguments->options.method, "How: " + absl::StrJoin(UpsampleMethods(), ", "))
+      ->capture_default_str()
+      ->check(CLI::IsMember(UpsampleMethods()))
+      ->type_name("NAME");
+  command->add_option("--key-every", arguments->options.key_every, "Use only every N-th depth frame of the recording")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 1000000))
+      ->type_name("N");
+  command->add_option("--threads", arguments->options.threads, "Threads to use; the result does not depend on it")
+      ->capture_default_str()
+      ->check(CLI::Range(1, kMaxThreads))
+      ->type_name("N");
+  command->add_flag("--force", arguments->force, "Replace an earlier result in OUT");
+  command->callback([=] { *exit_code = ReportStatus(Upsample(*arguments)); });
+}
+
+}  // namespace depthtween::tools

@@ -1,0 +1,241 @@
+#include "core/tools/upsample_run.h"
+
+#include <algorithm>
+#include <chrono>
+#include <map>
+#include <opencv2/core/version.hpp>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "core/baselines/baselines.h"
+#include "core/upsample/pipeline.h"
+
+namespace depthtween::tools {
+namespace {
+
+using nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+double SecondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+// Parses `text` and hands the value to `read`, turning what nlohmann throws at a wrong type into a status that names
+// `what`.
+template <typename Read>
+auto ParseJson(std::string_view text, const char* what, Read read) -> decltype(read(json())) {
+  try {
+    const json value = json::parse(text);
+    if (!value.is_object()) return absl::InvalidArgumentError(absl::StrCat(what, ": must be a JSON object"));
+    return read(value);
+  } catch (const json::exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat(what, ": ", error.what()));
+  }
+}
+
+json IntervalToJson(const Interval& interval) {
+  return {{"index", interval.index},
+          {"first_frame", interval.first_frame},
+          {"frame_count", interval.frame_count},
+          {"held", interval.Held()}};
+}
+
+}  // namespace
+
+const std::vector<std::string>& UpsampleMethods() {
+  static const std::vector<std::string> methods = [] {
+    std::vector<std::string> names = BaselineNames();
+    names.insert(names.begin(), "ours");
+    return names;
+  }();
+  return methods;
+}
+
+absl::Status UpsampleOptions::Validate() const {
+  const std::vector<std::string>& methods = UpsampleMethods();
+  if (std::find(methods.begin(), methods.end(), method) == methods.end())
+    return absl::InvalidArgumentError(
+        absl::StrFormat("options.method = '%s', must be one of: %s", method, absl::StrJoin(methods, ", ")));
+  if (key_every < 1)
+    return absl::InvalidArgumentError(
+        absl::StrFormat("options.key_every = %d, must be at least 1 (1 keeps every depth frame)", key_every));
+  if (threads < 1 || threads > kMaxThreads)
+    return absl::InvalidArgumentError(absl::StrFormat("options.threads = %d, must be 1 to %d", threads, kMaxThreads));
+  return absl::OkStatus();
+}
+
+json ToJson(const UpsampleOptions& options) {
+  return {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
+}
+
+absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
+  return ParseJson(text, "options", [](const json& value) -> absl::StatusOr<UpsampleOptions> {
+    UpsampleOptions options;
+    for (const auto& [field, entry] : value.items()) {
+      const auto read_int = [&entry = entry, &field = field](int& out) {
+        if (!entry.is_number_integer() || entry.get<json::number_integer_t>() != entry.get<int>())
+          return absl::InvalidArgumentError(
+              absl::StrFormat("options.%s = %s, must be a whole number", field, entry.dump()));
+        out = entry.get<int>();
+        return absl::OkStatus();
+      };
+      if (field == "method") {
+        if (!entry.is_string())
+          return absl::InvalidArgumentError(absl::StrFormat("options.method = %s, must be a string", entry.dump()));
+        options.method = entry.get<std::string>();
+      } else if (field == "key_every") {
+        RETURN_IF_ERROR(read_int(options.key_every));
+      } else if (field == "threads") {
+        RETURN_IF_ERROR(read_int(options.threads));
+      } else {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("options.%s is not known: the options are method, key_every and threads", field));
+      }
+    }
+    RETURN_IF_ERROR(options.Validate());
+    return options;
+  });
+}
+
+absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options) {
+  RETURN_IF_ERROR(options.Validate());
+  if (options.method == "ours") return MakePipeline();
+  return MakeBaseline(options.method);
+}
+
+absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& source) {
+  RETURN_IF_ERROR(Validate(source.sequence()));
+  ClipPlan plan;
+  ASSIGN_OR_RETURN(plan.constants, EstimateClipConstants(source));
+  plan.intervals = PlanIntervals(source.sequence());
+  if (source.sequence().depth.size() == 1)
+    plan.constants.warnings.push_back(
+        "only one depth frame is input, so every frame holds it: a smaller key_every keeps more");
+  return plan;
+}
+
+json ToJson(const ClipConstants& constants) {
+  return {{"noise_a_m", constants.noise_a_m},           {"noise_b_per_m", constants.noise_b_per_m},
+          {"preview_near_m", constants.preview_near_m}, {"preview_far_m", constants.preview_far_m},
+          {"median_depth_m", constants.median_depth_m}, {"warnings", constants.warnings}};
+}
+
+json ToJson(const ClipPlan& plan, const Sequence& sequence) {
+  json intervals = json::array();
+  for (const Interval& interval : plan.intervals) intervals.push_back(IntervalToJson(interval));
+  json frames = json::array();
+  for (size_t i = 0; i < sequence.color.size(); ++i)
+    frames.push_back({{"index", i}, {"time_ns", sequence.color[i].time_ns}, {"stem", sequence.color[i].Stem()}});
+  return {{"constants", ToJson(plan.constants)}, {"intervals", std::move(intervals)}, {"frames", std::move(frames)}};
+}
+
+absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& sequence) {
+  return ParseJson(text, "constants", [&](const json& value) -> absl::StatusOr<ClipPlan> {
+    const json& constants = value.at("constants");
+    ClipPlan plan;
+    plan.constants = {.noise_a_m = constants.at("noise_a_m").get<double>(),
+                      .noise_b_per_m = constants.at("noise_b_per_m").get<double>(),
+                      .preview_near_m = constants.at("preview_near_m").get<double>(),
+                      .preview_far_m = constants.at("preview_far_m").get<double>(),
+                      .median_depth_m = constants.at("median_depth_m").get<double>(),
+                      .warnings = constants.at("warnings").get<std::vector<std::string>>()};
+    // Intervals follow from the sequence; those in the file tell whether it belongs to this one.
+    plan.intervals = PlanIntervals(sequence);
+    json expected = json::array();
+    for (const Interval& interval : plan.intervals) expected.push_back(IntervalToJson(interval));
+    if (value.at("intervals") != expected)
+      return absl::FailedPreconditionError(
+          "constants: made for another sequence or another key_every: run prepare again");
+    return plan;
+  });
+}
+
+json ToJson(const IntervalReport& report) {
+  return {{"interval", report.index},
+          {"seconds", report.seconds},
+          {"frames", report.summary.frames},
+          {"termination", report.summary.termination},
+          {"stages", report.summary.stage_seconds}};
+}
+
+absl::StatusOr<IntervalReport> ParseIntervalReport(std::string_view text) {
+  return ParseJson(text, "interval report", [](const json& value) -> absl::StatusOr<IntervalReport> {
+    return IntervalReport{.index = value.at("interval").get<int>(),
+                          .seconds = value.at("seconds").get<double>(),
+                          .summary = {.termination = value.at("termination").get<std::string>(),
+                                      .frames = value.at("frames").get<int>(),
+                                      .stage_seconds = value.at("stages").get<std::map<std::string, double>>()}};
+  });
+}
+
+absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsampler, const FrameSource& source,
+                                                         const ClipPlan& plan, int first, int count, int threads,
+                                                         std::stop_token stop, const ResultWriter& writer,
+                                                         RunObserver& observer) {
+  const int interval_count = static_cast<int>(plan.intervals.size());
+  if (first < 0 || count < 1 || first >= interval_count || count > interval_count - first)
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%d intervals from interval %d on are not there: this clip has intervals 0 to %d", count, first,
+                        interval_count - 1));
+  std::vector<IntervalReport> reports;
+  for (int i = first; i < first + count; ++i) {
+    const auto start = Clock::now();
+    double write_seconds = 0.0;
+    const RunContext context{
+        .threads = threads, .stop = stop, .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
+    const auto sink = [&](DepthResult result) -> absl::Status {
+      if (stop.stop_requested()) return absl::CancelledError("stopped");
+      const auto write_start = Clock::now();
+      RETURN_IF_ERROR(writer.Write(result));
+      write_seconds += SecondsSince(write_start);
+      observer.OnFrame(i, result.color_index);
+      return absl::OkStatus();
+    };
+    IntervalReport report{.index = i};
+    ASSIGN_OR_RETURN(report.summary, upsampler.Run(source, plan.constants, plan.intervals[i], context, sink));
+    report.summary.stage_seconds["write"] += write_seconds;
+    report.seconds = SecondsSince(start);
+    RETURN_IF_ERROR(observer.OnIntervalDone(report));
+    reports.push_back(std::move(report));
+  }
+  return reports;
+}
+
+absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
+                            const ClipPlan& plan, const std::vector<IntervalReport>& reports,
+                            const ResultWriter& writer) {
+  std::vector<bool> seen(plan.intervals.size(), false);
+  double seconds = 0.0;
+  int frames = 0, held_frames = 0;
+  std::map<std::string, double> stages;
+  std::map<std::string, int> terminations;
+  for (const IntervalReport& report : reports) {
+    if (report.index < 0 || report.index >= static_cast<int>(seen.size()) || seen[report.index])
+      return absl::FailedPreconditionError(
+          absl::StrFormat("interval %d is reported but not part of the clip, or reported twice", report.index));
+    seen[report.index] = true;
+    seconds += report.seconds;
+    frames += report.summary.frames;
+    if (plan.intervals[report.index].Held()) held_frames += report.summary.frames;
+    for (const auto& [stage, stage_seconds] : report.summary.stage_seconds) stages[stage] += stage_seconds;
+    ++terminations[report.summary.termination];
+  }
+  const auto missing = std::find(seen.begin(), seen.end(), false);
+  if (missing != seen.end())
+    return absl::FailedPreconditionError(
+        absl::StrFormat("interval %d has not been computed: run it first", missing - seen.begin()));
+  return writer.Finish(
+      {{"sequence", sequence_dir},
+       {"options", ToJson(options)},
+       {"frames", frames},
+       {"held_frames", held_frames},
+       {"keys", sequence.depth.size()},
+       {"intervals", plan.intervals.size()},
+       {"terminations", terminations},
+       {"seconds", seconds},
+       {"stages", stages},
+       {"constants", ToJson(plan.constants)},
+       {"warnings", plan.constants.warnings},
+       {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}});
+}
+
+}  // namespace depthtween::tools

@@ -1,0 +1,97 @@
+// Upsampling a clip, in the steps that `depthtween-core upsample` takes in one process and the server in several.
+//
+// Grammar of use:  PrepareClip RunIntervals* AssembleResult  - once per clip; then any intervals, in any order,
+// batching and process, all writing into one result folder; then once, when every interval is there. What passes
+// between the steps has an exact JSON form, so the bits do not depend on how the work was divided.
+#ifndef DEPTHTWEEN_CORE_TOOLS_UPSAMPLE_RUN_H_
+#define DEPTHTWEEN_CORE_TOOLS_UPSAMPLE_RUN_H_
+
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/status.h"
+#include "core/io/result_folder.h"
+#include "core/upsample/upsampler.h"
+
+namespace depthtween::tools {
+
+inline constexpr int kMaxThreads = 1024;
+
+// What a user may ask of an upsampling, locally or from the server.
+struct UpsampleOptions {
+  std::string method = "ours";  // one of UpsampleMethods()
+  int key_every = 1;            // keep depth frames 0, n, 2n, ... as input. >= 1
+  int threads = 1;              // does not change the result. 1 to kMaxThreads
+
+  absl::Status Validate() const;
+};
+
+// "ours" and the baselines.
+const std::vector<std::string>& UpsampleMethods();
+
+nlohmann::json ToJson(const UpsampleOptions& options);
+// Fields left out keep their defaults. InvalidArgument names an unknown or wrong field.
+absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view json);
+
+// The upsampler that `options.method` names.
+absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options);
+
+// What is decided once per clip.
+struct ClipPlan {
+  ClipConstants constants;
+  std::vector<Interval> intervals;
+};
+
+absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& source);
+
+// {"constants": {...}, "intervals": [{"index", "first_frame", "frame_count", "held"}], "frames": [{"index", "time_ns",
+// "stem"}]}; constants survive the round trip to the last bit.
+nlohmann::json ToJson(const ClipPlan& plan, const Sequence& sequence);
+// FailedPrecondition if the plan was made for another sequence or other options.
+absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view json, const Sequence& sequence);
+
+nlohmann::json ToJson(const ClipConstants& constants);
+
+// What became of one interval.
+struct IntervalReport {
+  int index = -1;
+  double seconds = 0.0;  // wall time, writing included
+  IntervalSummary summary;
+};
+
+nlohmann::json ToJson(const IntervalReport& report);
+absl::StatusOr<IntervalReport> ParseIntervalReport(std::string_view json);
+
+// Is told how a run gets on, on the thread that runs.
+class RunObserver {
+ public:
+  virtual ~RunObserver() = default;
+  virtual void OnStage(int interval, std::string_view stage) = 0;
+  // The frame's files are on the disk.
+  virtual void OnFrame(int interval, int frame) = 0;
+  // An error ends the run and is returned by it.
+  virtual absl::Status OnIntervalDone(const IntervalReport& report) = 0;
+};
+
+// Runs plan.intervals[first .. first + count), writes their frames, and reports on each.
+// Errors: InvalidArgument if there are no such intervals; Cancelled when `stop` fires; what source, upsampler, writer
+// and observer return. Frames written before an error are whole and stay.
+absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsampler, const FrameSource& source,
+                                                         const ClipPlan& plan, int first, int count, int threads,
+                                                         std::stop_token stop, const ResultWriter& writer,
+                                                         RunObserver& observer);
+
+// Ends a result: lists its frames and writes report.json. `reports` are those of all intervals, in any order;
+// `sequence_dir` is where the input came from, for those who look at the result later.
+// FailedPrecondition names an interval or frame that is missing.
+absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
+                            const ClipPlan& plan, const std::vector<IntervalReport>& reports,
+                            const ResultWriter& writer);
+
+}  // namespace depthtween::tools
+
+#endif  // DEPTHTWEEN_CORE_TOOLS_UPSAMPLE_RUN_H_
