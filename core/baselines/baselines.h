@@ -1,0 +1,32 @@
+// The methods that ours is compared with, behind the same interface: what a practitioner would use, built to be strong.
+//
+//   hold       the last key
+//   nearest    the key nearer in time; the earlier one when both are as near
+//   linear     per pixel in time; the known one where one is unknown
+//   flow-warp  both keys sampled along dense colour flow and blended (flow_warp.cc)
+//
+// Frames before the first and after the last key hold that key. Each frame is answered on its own, so Run also takes a
+// part of an interval: any first_frame and frame_count inside it.
+// sigma is that of one measurement at the depth given (ClipConstants): a baseline does not know its own errors.
+#ifndef DEPTHTWEEN_CORE_BASELINES_BASELINES_H_
+#define DEPTHTWEEN_CORE_BASELINES_BASELINES_H_
+
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/status.h"
+#include "core/upsample/upsampler.h"
+
+namespace depthtween {
+
+// "hold", "nearest", "linear", "flow-warp": from the weakest to the strongest.
+const std::vector<std::string>& BaselineNames();
+
+// InvalidArgument lists the names if `name` is none of them.
+absl::StatusOr<std::unique_ptr<Upsampler>> MakeBaseline(std::string_view name);
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_BASELINES_BASELINES_H_

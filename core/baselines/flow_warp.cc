@@ -1,0 +1,183 @@
+#include "core/baselines/flow_warp.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_format.h"
+#include "core/base/parallel.h"
+#include "core/baselines/frame_steps.h"
+#include "core/flow/dense_flow.h"
+#include "opencv2/core.hpp"
+#include "opencv2/video/tracking.hpp"
+
+namespace depthtween {
+namespace {
+
+constexpr float kAgreement = 0.05F;   // of the nearer depth
+constexpr float kLeastTrust = 1e-6F;  // exp(-e^2) vanishes at large errors; time must still decide then
+constexpr int kSmallestForFlow = 16;  // DIS needs room for its 8-pixel patches at the half resolution it ends on
+constexpr int kFlowsPerFrame = 4;     // two keys, both ways
+
+// Flow from one frame to the other by the preset that practitioners take. Zero where there is no room for its patches.
+absl::StatusOr<Image<Flow2>> DisMedium(const Image<uint8_t>& from, const Image<uint8_t>& to) {
+  Image<Flow2> flow(from.width(), from.height());
+  if (std::min(from.width(), from.height()) < kSmallestForFlow) return flow;
+  const auto as_mat = [](const Image<uint8_t>& image) {
+    return cv::Mat(image.height(), image.width(), CV_8UC1, const_cast<uint8_t*>(image.data()));  // only read
+  };
+  try {
+    cv::Mat out;
+    cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM)->calc(as_mat(from), as_mat(to), out);
+    for (int y = 0; y < flow.height(); ++y) {
+      const cv::Vec2f* row = out.ptr<cv::Vec2f>(y);
+      for (int x = 0; x < flow.width(); ++x)
+        if (std::isfinite(row[x][0]) && std::isfinite(row[x][1])) flow(x, y) = {row[x][0], row[x][1]};
+    }
+  } catch (const cv::Exception& e) {
+    return absl::InternalError(absl::StrFormat("OpenCV's DIS flow failed: %s", e.what()));
+  }
+  return flow;
+}
+
+// The colour frame nearest in time to `time_ns`; the earlier one of two as near.
+int NearestColor(const Sequence& sequence, int64_t time_ns) {
+  const auto& color = sequence.color;
+  const auto after = std::lower_bound(color.begin(), color.end(), time_ns,
+                                      [](const FrameRef& frame, int64_t time) { return frame.time_ns < time; });
+  if (after == color.begin()) return 0;
+  if (after == color.end()) return static_cast<int>(color.size()) - 1;
+  const auto before = after - 1;
+  return static_cast<int>((time_ns - before->time_ns <= after->time_ns - time_ns ? before : after) - color.begin());
+}
+
+absl::StatusOr<Image<uint8_t>> ReadLuma(const FrameSource& source, int color_index) {
+  ASSIGN_OR_RETURN(const Image<Rgb8> color, source.Color(color_index));
+  const Sequence& sequence = source.sequence();
+  if (color.width() != sequence.camera.width || color.height() != sequence.camera.height)
+    return absl::InvalidArgumentError(absl::StrFormat("%s is %d x %d, must be %d x %d as the camera says",
+                                                      sequence.color[color_index].path, color.width(), color.height(),
+                                                      sequence.camera.width, sequence.camera.height));
+  return Luma(color);
+}
+
+struct FlowPair {
+  Image<Flow2> to_key, from_key;
+};
+
+// What one key says of one pixel.
+struct Sample {
+  float depth_m = 0.0F;  // 0: the flow leaves the image, or the key knows nothing there
+  float weight = 0.0F;
+};
+
+Sample SampleKey(ImageView<const float> key_m, const FlowPair& flow, int x, int y, double closeness) {
+  const Flow2 there = flow.to_key(x, y);
+  const float landing_x = static_cast<float>(x) + there.u, landing_y = static_cast<float>(y) + there.v;
+  const int key_x = static_cast<int>(std::lround(landing_x)), key_y = static_cast<int>(std::lround(landing_y));
+  if (!key_m.Contains(key_x, key_y)) return {};
+  const Flow2 back = SampleFlow(flow.from_key, landing_x, landing_y);
+  const float error_u = there.u + back.u, error_v = there.v + back.v;
+  const float trust = std::exp(-(error_u * error_u + error_v * error_v)) + kLeastTrust;
+  return {.depth_m = key_m(key_x, key_y), .weight = trust * static_cast<float>(closeness)};
+}
+
+DepthResult WarpFrame(const KeyPair& keys, const FlowPair& before, const FlowPair& after, double tau,
+                      DepthResult result, int threads) {
+  const ImageView<const float> nearer_m = tau <= 0.5 ? keys.before_m : keys.after_m;
+  const bool at_key_time = tau == 0.0 || tau == 1.0;
+  ParallelRows(result.depth_m.height(), threads, [&](int first_row, int last_row) {
+    for (int y = first_row; y < last_row; ++y) {
+      for (int x = 0; x < result.depth_m.width(); ++x) {
+        const Sample a = SampleKey(keys.before_m, before, x, y, 1.0 - tau);
+        const Sample b = SampleKey(keys.after_m, after, x, y, tau);
+        float& depth_m = result.depth_m(x, y);
+        Provenance& provenance = result.provenance(x, y);
+        if (at_key_time && nearer_m(x, y) > 0.0F) {
+          depth_m = nearer_m(x, y);
+          provenance = Provenance::kMeasured;
+        } else if (a.depth_m > 0.0F && b.depth_m > 0.0F) {
+          const bool agree = std::abs(a.depth_m - b.depth_m) <= kAgreement * std::min(a.depth_m, b.depth_m);
+          const Sample& heavier = a.weight >= b.weight ? a : b;
+          depth_m = agree ? (a.weight * a.depth_m + b.weight * b.depth_m) / (a.weight + b.weight) : heavier.depth_m;
+          provenance = agree ? Provenance::kBoth : Provenance::kOne;
+        } else if (a.depth_m > 0.0F || b.depth_m > 0.0F) {
+          depth_m = std::max(a.depth_m, b.depth_m);
+          provenance = Provenance::kOne;
+        } else if (nearer_m(x, y) > 0.0F) {
+          depth_m = nearer_m(x, y);
+          provenance = Provenance::kInferred;
+        }
+      }
+    }
+  });
+  return result;
+}
+
+}  // namespace
+
+absl::StatusOr<IntervalSummary> FlowWarpBaseline::Run(const FrameSource& source, const ClipConstants& constants,
+                                                      const Interval& interval, const RunContext& context,
+                                                      const FrameSink& sink) const {
+  StageClock clock(context);
+  if (interval.Held()) {
+    clock.Begin("hold");
+    RETURN_IF_ERROR(HoldInterval(source, constants, interval, context, sink));
+    return clock.Finish(interval.frame_count);
+  }
+  clock.Begin("read");
+  const Sequence& sequence = source.sequence();
+  ASSIGN_OR_RETURN(const KeyPair keys, ReadKeys(source, interval));
+  const std::array key_frames = {NearestColor(sequence, keys.before_ns), NearestColor(sequence, keys.after_ns)};
+  std::array<Image<uint8_t>, 2> key_luma;
+  for (int k = 0; k < 2; ++k) {
+    ASSIGN_OR_RETURN(key_luma[k], ReadLuma(source, key_frames[k]));
+  }
+
+  // As many frames at a time as keep all threads busy.
+  const int batch = (std::max(context.threads, 1) + kFlowsPerFrame - 1) / kFlowsPerFrame;
+  for (int done = 0; done < interval.frame_count; done += batch) {
+    const int first = interval.first_frame + done;
+    const int count = std::min(batch, interval.frame_count - done);
+    RETURN_IF_ERROR(CheckStop(context));
+    clock.Begin("read");
+    std::vector<Image<uint8_t>> luma(count);
+    for (int i = 0; i < count; ++i) {
+      ASSIGN_OR_RETURN(luma[i], ReadLuma(source, first + i));
+    }
+
+    clock.Begin("flow");
+    std::vector<std::array<FlowPair, 2>> flow(count);
+    std::vector<absl::Status> failures(static_cast<size_t>(count) * kFlowsPerFrame);
+    ParallelFor(count * kFlowsPerFrame, context.threads, [&](int item) {
+      const int i = item / kFlowsPerFrame, k = item / 2 % 2;
+      const bool to_key = item % 2 == 0;
+      Image<Flow2>& out = to_key ? flow[i][k].to_key : flow[i][k].from_key;
+      if (first + i == key_frames[k]) {
+        out = Image<Flow2>(luma[i].width(), luma[i].height());  // the key's own frame does not move
+        return;
+      }
+      auto computed = to_key ? DisMedium(luma[i], key_luma[k]) : DisMedium(key_luma[k], luma[i]);
+      if (computed.ok())
+        out = *std::move(computed);
+      else
+        failures[item] = computed.status();
+    });
+    for (const absl::Status& failure : failures) RETURN_IF_ERROR(failure);
+
+    for (int i = 0; i < count; ++i) {
+      clock.Begin("warp");
+      const double tau = keys.Tau(sequence.color[first + i].time_ns);
+      DepthResult result =
+          WarpFrame(keys, flow[i][0], flow[i][1], tau, BlankResult(source, first + i), context.threads);
+      PredictMeasurementNoise(constants, result);
+      RETURN_IF_ERROR(sink(std::move(result)));
+    }
+  }
+  return clock.Finish(interval.frame_count);
+}
+
+}  // namespace depthtween
