@@ -43,17 +43,6 @@ absl::StatusOr<Image<Flow2>> DisMedium(const Image<uint8_t>& from, const Image<u
   return flow;
 }
 
-// The colour frame nearest in time to `time_ns`; the earlier one of two as near.
-int NearestColor(const Sequence& sequence, int64_t time_ns) {
-  const auto& color = sequence.color;
-  const auto after = std::lower_bound(color.begin(), color.end(), time_ns,
-                                      [](const FrameRef& frame, int64_t time) { return frame.time_ns < time; });
-  if (after == color.begin()) return 0;
-  if (after == color.end()) return static_cast<int>(color.size()) - 1;
-  const auto before = after - 1;
-  return static_cast<int>((time_ns - before->time_ns <= after->time_ns - time_ns ? before : after) - color.begin());
-}
-
 absl::StatusOr<Image<uint8_t>> ReadLuma(const FrameSource& source, int color_index) {
   ASSIGN_OR_RETURN(const Image<Rgb8> color, source.Color(color_index));
   const Sequence& sequence = source.sequence();
@@ -131,7 +120,8 @@ absl::StatusOr<IntervalSummary> FlowWarpBaseline::Run(const FrameSource& source,
   clock.Begin("read");
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const KeyPair keys, ReadKeys(source, interval));
-  const std::array key_frames = {NearestColor(sequence, keys.before_ns), NearestColor(sequence, keys.after_ns)};
+  const std::array key_frames = {NearestColorFrame(sequence, keys.before_ns),
+                                 NearestColorFrame(sequence, keys.after_ns)};
   std::array<Image<uint8_t>, 2> key_luma;
   for (int k = 0; k < 2; ++k) {
     ASSIGN_OR_RETURN(key_luma[k], ReadLuma(source, key_frames[k]));

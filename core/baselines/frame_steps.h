@@ -27,6 +27,9 @@ struct KeyPair {
 // InvalidArgument if a decoded depth map is not of the camera's size.
 absl::StatusOr<KeyPair> ReadKeys(const FrameSource& source, const Interval& interval);
 
+// The colour frame nearest in time; the earlier one of two as near. `sequence` must be valid.
+int NearestColorFrame(const Sequence& sequence, int64_t time_ns);
+
 // An empty answer for one frame.
 DepthResult BlankResult(const FrameSource& source, int color_index);
 

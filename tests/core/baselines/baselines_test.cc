@@ -193,7 +193,7 @@ TEST(FlowWarp, NeverMixesTwoSurfaces) {
 }
 
 // The picture slides 1 px a frame; both keys are seen by colour frames of other stamps, the first by the frame 2 ns
-// earlier (of offset 0), the last by the frame 1 ns later (offset 4). Any other frame would be off by 1 px, that is 1 cm.
+// earlier (of offset 0), the last by the frame 1 ns later (offset 4). Any other frame is off by 1 px, that is 1 cm.
 TEST(FlowWarp, UsesTheColourFrameNearestToAKey) {
   Clip clip{.color_ns = {0, 10, 20, 30, 40}, .depth_ns = {2, 39}};
   clip.grey = [](int x, int y, int64_t t) { return Texture(x - 0.1 * static_cast<double>(t), y); };

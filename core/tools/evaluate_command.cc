@@ -1,0 +1,96 @@
+// depthtween-core evaluate: how good a result is, beside the baselines.
+#include <unistd.h>
+
+#include <chrono>
+#include <iostream>
+#include <memory>
+#include <string>
+
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+#include "core/base/parallel.h"
+#include "core/baselines/baselines.h"
+#include "core/tools/commands.h"
+#include "core/tools/evaluation.h"
+
+namespace depthtween::tools {
+namespace {
+
+constexpr char kAllBaselines[] = "all";
+
+struct EvaluateArguments {
+  EvaluationOptions options;
+  std::string baselines;  // as written: "all" or names with commas between them
+  bool json = false;
+  int worst_frames = 0;
+};
+
+// One line on stderr: redrawn on a terminal, now and then elsewhere.
+class FrameCounter {
+ public:
+  void Show(int done, int total) {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - shown_ < (terminal_ ? std::chrono::milliseconds(100) : std::chrono::milliseconds(5000))) return;
+    shown_ = now;
+    std::cerr << (terminal_ ? "\r" : "") << absl::StrFormat("scored %d of %d frames", done, total)
+              << (terminal_ ? "" : "\n") << std::flush;
+    drawn_ = true;
+  }
+  ~FrameCounter() {
+    if (terminal_ && drawn_) std::cerr << "\r\x1b[K" << std::flush;
+  }
+
+ private:
+  const bool terminal_ = isatty(STDERR_FILENO) != 0;
+  bool drawn_ = false;
+  std::chrono::steady_clock::time_point shown_ = std::chrono::steady_clock::now();
+};
+
+absl::Status RunEvaluate(const EvaluateArguments& arguments) {
+  EvaluationOptions options = arguments.options;
+  if (arguments.baselines == kAllBaselines)
+    options.baselines = BaselineNames();
+  else if (!arguments.baselines.empty())
+    options.baselines = absl::StrSplit(arguments.baselines, ',');
+  FrameCounter counter;
+  options.on_progress = [&](int done, int total) { counter.Show(done, total); };
+  ASSIGN_OR_RETURN(const Evaluation evaluation, Evaluate(options));
+  if (arguments.json)
+    std::cout << ToJson(evaluation).dump(2) << std::endl;
+  else
+    std::cout << FormatTable(evaluation, arguments.worst_frames) << std::flush;
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddEvaluateCommand(CLI::App& app, int* exit_code) {
+  CLI::App* command = app.add_subcommand("evaluate", "Measures a result against truth, beside the baselines");
+  const auto arguments = std::make_shared<EvaluateArguments>();
+  EvaluationOptions& options = arguments->options;
+  options.threads = AvailableThreads();
+  command->add_option("OUT", options.result_dir, "The folder that upsample wrote")->required();
+  command
+      ->add_option("--reference", options.reference_dir,
+                   "The sequence OUT was made from. Truth is its gt/depth or, without that, its left-out depth maps")
+      ->required();
+  command
+      ->add_option("--baselines", arguments->baselines,
+                   "Also compute these on the same inputs: names with commas between them, or all of " +
+                       absl::StrJoin(BaselineNames(), ", "))
+      ->expected(0, 1)
+      ->default_str(kAllBaselines)
+      ->type_name("[NAMES]");
+  command->add_flag("--json", arguments->json, "Print all scores and curves as JSON");
+  command->add_option("--worst", arguments->worst_frames, "Also list the N frames of largest RMSE")
+      ->type_name("N")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--threads", options.threads, "Threads; the numbers do not depend on it")
+      ->type_name("N")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+  command->callback([arguments, exit_code] { *exit_code = ReportStatus(RunEvaluate(*arguments)); });
+}
+
+}  // namespace depthtween::tools
