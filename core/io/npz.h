@@ -48,7 +48,7 @@ absl::StatusOr<Npz> DecodeNpz(std::string_view bytes, const NpzLimits& limits = 
 absl::StatusOr<Npz> ReadNpz(const std::string& path, const NpzLimits& limits = {});
 
 enum class NpzCompression { kStored, kDeflated };
-// InvalidArgument when an array's bytes are not of its shape, or when the archive would need zip64 (4 GiB).
+// InvalidArgument when an array's bytes are not of its shape, or when the archive would pass 2 GiB.
 absl::StatusOr<std::string> EncodeNpz(const Npz& arrays, NpzCompression compression = NpzCompression::kDeflated);
 absl::Status WriteNpz(const std::string& path, const Npz& arrays,
                       NpzCompression compression = NpzCompression::kDeflated);

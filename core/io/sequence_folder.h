@@ -16,15 +16,10 @@
 #include "core/base/image.h"
 #include "core/base/status.h"
 #include "core/io/jpeg.h"
+#include "core/io/violation_list.h"
 #include "core/sequence/sequence.h"
 
 namespace depthtween {
-
-// One offending file and everything wrong with it.
-struct FileViolation {
-  std::string file;  // relative to the sequence folder
-  absl::Status status;
-};
 
 // The lists and the camera, not yet validated (Validate(sequence) does that). The files listed exist; none is decoded.
 // An error names every offending file (the first 20), and has the code of the first.
