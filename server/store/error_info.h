@@ -2,9 +2,11 @@
 #ifndef DEPTHTWEEN_SERVER_STORE_ERROR_INFO_H_
 #define DEPTHTWEEN_SERVER_STORE_ERROR_INFO_H_
 
+#include <cstdint>
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "core/base/status.h"
 
@@ -30,6 +32,13 @@ struct ErrorInfo {
 absl::Status WithErrorInfo(absl::Status status, const ErrorInfo& info);
 // nullopt when the status carries none.
 std::optional<ErrorInfo> GetErrorInfo(const absl::Status& status);
+
+// The errors that several places make. `field` is a path in the request, such as "job.options.method".
+absl::Status BadField(std::string_view field, std::string_view message);
+absl::Status NoSuchResource(std::string_view resource);
+absl::Status WrongState(std::string_view state, std::string_view message);
+absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_view message);
+absl::Status DiskFull(std::string_view message);
 
 }  // namespace depthtween::server
 

@@ -1,0 +1,55 @@
+#include "server/store/error_info.h"
+
+#include <utility>
+
+#include "nlohmann/json.hpp"
+
+namespace depthtween::server {
+namespace {
+
+constexpr char kPayloadType[] = "depthtween/error-info";
+
+absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
+
+}  // namespace
+
+absl::Status WithErrorInfo(absl::Status status, const ErrorInfo& info) {
+  const nlohmann::json json = {{"reason", info.reason}, {"metadata", info.metadata}};
+  // A path in the metadata may hold any bytes: what is not UTF-8 is replaced rather than thrown about.
+  status.SetPayload(kPayloadType, absl::Cord(json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)));
+  return status;
+}
+
+std::optional<ErrorInfo> GetErrorInfo(const absl::Status& status) {
+  const auto payload = status.GetPayload(kPayloadType);
+  if (!payload) return std::nullopt;
+  const auto json = nlohmann::json::parse(std::string(*payload));
+  return ErrorInfo{.reason = json.at("reason"), .metadata = json.at("metadata")};
+}
+
+absl::Status BadField(std::string_view field, std::string_view message) {
+  return WithErrorInfo(absl::InvalidArgumentError(View(message)),
+                       {.reason = "BAD_FIELD", .metadata = {{"field", std::string(field)}}});
+}
+
+absl::Status NoSuchResource(std::string_view resource) {
+  return WithErrorInfo(absl::NotFoundError(absl::StrCat("there is no ", View(resource))),
+                       {.reason = "NO_SUCH_RESOURCE", .metadata = {{"resource", std::string(resource)}}});
+}
+
+absl::Status WrongState(std::string_view state, std::string_view message) {
+  return WithErrorInfo(absl::FailedPreconditionError(View(message)),
+                       {.reason = "WRONG_STATE", .metadata = {{"state", std::string(state)}}});
+}
+
+absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_view message) {
+  return WithErrorInfo(
+      absl::ResourceExhaustedError(View(message)),
+      {.reason = "LIMIT_EXCEEDED", .metadata = {{"limit", std::string(limit)}, {"maximum", absl::StrCat(maximum)}}});
+}
+
+absl::Status DiskFull(std::string_view message) {
+  return WithErrorInfo(absl::ResourceExhaustedError(View(message)), {.reason = "DISK_FULL"});
+}
+
+}  // namespace depthtween::server

@@ -1,0 +1,74 @@
+#include "server/store/records.h"
+
+#include <algorithm>
+#include <array>
+
+#include "absl/strings/escaping.h"
+#include "server/store/error_info.h"
+
+namespace depthtween::server {
+
+std::string_view ToString(SequenceState state) {
+  switch (state) {
+    case SequenceState::kUploading:
+      return "UPLOADING";
+    case SequenceState::kValidating:
+      return "VALIDATING";
+    case SequenceState::kReady:
+      return "READY";
+    case SequenceState::kInvalid:
+      return "INVALID";
+  }
+  return "UNKNOWN";
+}
+
+std::string_view ToString(JobState state) {
+  switch (state) {
+    case JobState::kQueued:
+      return "QUEUED";
+    case JobState::kRunning:
+      return "RUNNING";
+    case JobState::kCancelling:
+      return "CANCELLING";
+    case JobState::kSucceeded:
+      return "SUCCEEDED";
+    case JobState::kFailed:
+      return "FAILED";
+    case JobState::kCancelled:
+      return "CANCELLED";
+  }
+  return "UNKNOWN";
+}
+
+std::string_view ToString(TaskKind kind) {
+  switch (kind) {
+    case TaskKind::kValidate:
+      return "validate";
+    case TaskKind::kPrepare:
+      return "prepare";
+    case TaskKind::kIntervals:
+      return "intervals";
+    case TaskKind::kAssemble:
+      return "assemble";
+  }
+  return "unknown";
+}
+
+absl::Status UpsampleOptions::Validate() const {
+  static constexpr std::array<std::string_view, 5> kMethods = {"ours", "hold", "nearest", "linear", "flow-warp"};
+  constexpr int kMaxThreads = 256;
+  const auto bad = [](const std::string& field, const std::string& message) {
+    return BadField("job.options." + field, absl::StrCat("UpsampleOptions.", field, " ", message));
+  };
+  if (std::find(kMethods.begin(), kMethods.end(), method) == kMethods.end()) {
+    return bad("method",
+               absl::StrCat("= \"", absl::CEscape(method), "\", must be ours, hold, nearest, linear or flow-warp"));
+  }
+  if (key_every < 1) return bad("key_every", absl::StrCat("= ", key_every, ", must be >= 1"));
+  if (threads < 0 || threads > kMaxThreads) {
+    return bad("threads", absl::StrCat("= ", threads, ", must be 0 (the server decides) to ", kMaxThreads));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace depthtween::server

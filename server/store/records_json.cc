@@ -1,0 +1,102 @@
+#include "server/store/records_json.h"
+
+#include "nlohmann/json.hpp"
+
+namespace depthtween::server {
+namespace {
+
+using nlohmann::json;
+
+json FromStatus(const absl::Status& status) {
+  return {{"code", static_cast<int>(status.code())}, {"message", std::string(status.message())}};
+}
+
+absl::Status ToStatus(const json& value) {
+  return absl::Status(static_cast<absl::StatusCode>(value.at("code").get<int>()),
+                      value.at("message").get<std::string>());
+}
+
+json FromRecording(const Recording& recording) {
+  const Camera& c = recording.camera;
+  return {{"camera",
+           {{"width", c.width},
+            {"height", c.height},
+            {"fx", c.fx},
+            {"fy", c.fy},
+            {"cx", c.cx},
+            {"cy", c.cy},
+            {"k1", c.k1},
+            {"k2", c.k2},
+            {"p1", c.p1},
+            {"p2", c.p2},
+            {"k3", c.k3}}},
+          {"depth_scale", recording.depth_scale},
+          {"color_frame_count", recording.color_frame_count},
+          {"depth_frame_count", recording.depth_frame_count},
+          {"first_time_ns", recording.first_time_ns},
+          {"last_time_ns", recording.last_time_ns},
+          {"median_depth_m", recording.median_depth_m}};
+}
+
+Recording ToRecording(const json& value) {
+  const json& c = value.at("camera");
+  return {.camera = {.width = c.at("width"),
+                     .height = c.at("height"),
+                     .fx = c.at("fx"),
+                     .fy = c.at("fy"),
+                     .cx = c.at("cx"),
+                     .cy = c.at("cy"),
+                     .k1 = c.at("k1"),
+                     .k2 = c.at("k2"),
+                     .p1 = c.at("p1"),
+                     .p2 = c.at("p2"),
+                     .k3 = c.at("k3")},
+          .depth_scale = value.at("depth_scale"),
+          .color_frame_count = value.at("color_frame_count"),
+          .depth_frame_count = value.at("depth_frame_count"),
+          .first_time_ns = value.at("first_time_ns"),
+          .last_time_ns = value.at("last_time_ns"),
+          .median_depth_m = value.at("median_depth_m")};
+}
+
+// Messages quote what clients sent: bytes that are not UTF-8 are replaced.
+std::string Dump(const json& value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); }
+
+template <typename T, typename Convert>
+absl::StatusOr<T> Parse(const std::string& text, Convert convert) {
+  try {
+    return convert(json::parse(text));
+  } catch (const json::exception& error) {
+    return absl::DataLossError(absl::StrCat("database: damaged record: ", error.what()));
+  }
+}
+
+}  // namespace
+
+std::string ToJson(const Recording& recording) { return Dump(FromRecording(recording)); }
+
+std::string ToJson(const ValidationResult& result) {
+  json value = {{"violations", json::array()}, {"warnings", result.warnings}, {"error", FromStatus(result.error)}};
+  for (const FileViolation& violation : result.violations) {
+    value["violations"].push_back({{"file", violation.file}, {"status", FromStatus(violation.status)}});
+  }
+  if (result.recording) value["recording"] = FromRecording(*result.recording);
+  return Dump(value);
+}
+
+absl::StatusOr<Recording> RecordingFromJson(const std::string& text) { return Parse<Recording>(text, ToRecording); }
+
+absl::StatusOr<ValidationResult> ValidationResultFromJson(const std::string& text) {
+  return Parse<ValidationResult>(text, [](const json& value) {
+    ValidationResult result;
+    for (const json& violation : value.at("violations")) {
+      result.violations.push_back({.file = violation.at("file"), .status = ToStatus(violation.at("status"))});
+    }
+    result.warnings = value.at("warnings").get<std::vector<std::string>>();
+    result.error = ToStatus(value.at("error"));
+    if (value.contains("recording")) result.recording = ToRecording(value.at("recording"));
+    return result;
+  });
+}
+
+}  // namespace depthtween::server

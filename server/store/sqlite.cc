@@ -1,0 +1,110 @@
+#include "server/store/sqlite.h"
+
+#include <cerrno>
+
+#include "absl/cleanup/cleanup.h"
+#include "server/store/error_info.h"
+
+namespace depthtween::server {
+
+int SqlValue::BindTo(sqlite3_stmt* statement, int position) const {
+  struct Binder {
+    sqlite3_stmt* statement;
+    int position;
+    int operator()(std::nullptr_t) const { return sqlite3_bind_null(statement, position); }
+    int operator()(int64_t value) const { return sqlite3_bind_int64(statement, position, value); }
+    int operator()(double value) const { return sqlite3_bind_double(statement, position, value); }
+    int operator()(const std::string& text) const {
+      return sqlite3_bind_text64(statement, position, text.data(), text.size(), SQLITE_TRANSIENT, SQLITE_UTF8);
+    }
+    int operator()(const Blob& blob) const {
+      return sqlite3_bind_blob64(statement, position, blob.bytes.data(), blob.bytes.size(), SQLITE_TRANSIENT);
+    }
+  };
+  return std::visit(Binder{statement, position}, value_);
+}
+
+std::string SqlRow::Text(int column) const {
+  const void* data = sqlite3_column_blob(statement_, column);
+  const int size = sqlite3_column_bytes(statement_, column);
+  return data == nullptr ? std::string() : std::string(static_cast<const char*>(data), static_cast<size_t>(size));
+}
+
+absl::StatusOr<std::unique_ptr<Database>> Database::Open(const std::string& file) {
+  sqlite3* connection = nullptr;
+  const int code =
+      sqlite3_open_v2(file.c_str(), &connection,
+                      SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_NOFOLLOW, nullptr);
+  std::unique_ptr<Database> database(new Database(connection));
+  if (code != SQLITE_OK) return WithContext(database->Error("open"), file);
+  sqlite3_extended_result_codes(connection, 1);
+  for (const char* pragma : {"PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON",
+                             "PRAGMA trusted_schema = OFF"}) {
+    RETURN_IF_ERROR(WithContext(database->Run(pragma), file));
+  }
+  return database;
+}
+
+absl::Status Database::Run(const char* sql, const std::vector<SqlValue>& values,
+                           const std::function<void(const SqlRow&)>& on_row) {
+  auto found = statements_.find(std::string_view(sql));
+  if (found == statements_.end()) {
+    sqlite3_stmt* statement = nullptr;
+    if (sqlite3_prepare_v3(connection_.get(), sql, -1, SQLITE_PREPARE_PERSISTENT, &statement, nullptr) != SQLITE_OK) {
+      return Error(sql);
+    }
+    found = statements_.emplace(sql, std::unique_ptr<sqlite3_stmt, Finalize>(statement)).first;
+  }
+  sqlite3_stmt* const statement = found->second.get();
+  const absl::Cleanup reset = [statement] {
+    sqlite3_reset(statement);
+    sqlite3_clear_bindings(statement);
+  };
+  for (size_t i = 0; i < values.size(); ++i) {
+    if (values[i].BindTo(statement, static_cast<int>(i) + 1) != SQLITE_OK) return Error(sql);
+  }
+  int code;
+  while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
+    if (on_row) on_row(SqlRow(statement));
+  }
+  return code == SQLITE_DONE ? absl::OkStatus() : Error(sql);
+}
+
+absl::StatusOr<std::optional<int64_t>> Database::Number(const char* sql, const std::vector<SqlValue>& values) {
+  std::optional<int64_t> number;
+  RETURN_IF_ERROR(Run(sql, values, [&number](const SqlRow& row) {
+    if (!number && !row.IsNull(0)) number = row.Int64(0);
+  }));
+  return number;
+}
+
+absl::Status Database::RunScript(const std::string& sql) {
+  return sqlite3_exec(connection_.get(), sql.c_str(), nullptr, nullptr, nullptr) == SQLITE_OK ? absl::OkStatus()
+                                                                                              : Error("schema");
+}
+
+void Database::RollBack() {
+  // SQLite has rolled back by itself after some errors, such as a full disk; asking again would be an error.
+  if (sqlite3_get_autocommit(connection_.get()) == 0) Run("ROLLBACK").IgnoreError();
+}
+
+absl::Status Database::Error(std::string_view doing) const {
+  const int code = sqlite3_extended_errcode(connection_.get());
+  const int error_number = sqlite3_system_errno(connection_.get());
+  const std::string message = absl::StrCat("database: ", sqlite3_errmsg(connection_.get()), " (",
+                                           absl::string_view(doing.data(), doing.size()), ")");
+  const bool out_of_room = error_number == ENOSPC || error_number == EDQUOT || error_number == EFBIG;
+  switch (code & 0xFF) {
+    case SQLITE_FULL:
+      return DiskFull(message);
+    case SQLITE_IOERR:
+      return out_of_room ? DiskFull(message) : absl::InternalError(message);
+    case SQLITE_CORRUPT:
+    case SQLITE_NOTADB:
+      return absl::DataLossError(message);
+    default:
+      return absl::InternalError(message);
+  }
+}
+
+}  // namespace depthtween::server

@@ -1,0 +1,231 @@
+// Jobs as their owners see them.
+#include "absl/strings/str_format.h"
+#include "server/store/error_info.h"
+#include "server/store/records_json.h"
+#include "server/store/sha256.h"
+#include "server/store/sqlite_store_impl.h"
+
+namespace depthtween::server {
+namespace {
+
+constexpr char kJobScope[] = "job";
+
+constexpr char kJobColumns[] =
+    "SELECT id, number, display_name, sequence_id, method, key_every, threads, recording, state, attempt, error_code, "
+    "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
+    "frames_total, "
+    "interval_seconds, "
+    "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM jobs ";
+
+absl::Time ToTime(const SqlRow& row, int column) {
+  return row.IsNull(column) ? absl::InfiniteFuture() : absl::FromUnixMicros(row.Int64(column));
+}
+
+absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
+  JobRecord job = {.id = row.Text(0),
+                   .number = row.Int64(1),
+                   .display_name = row.Text(2),
+                   .sequence_id = row.Text(3),
+                   .options = {.method = row.Text(4), .key_every = row.Int(5), .threads = row.Int(6)},
+                   .state = static_cast<JobState>(row.Int(8)),
+                   .attempt = row.Int(9),
+                   .error = absl::Status(static_cast<absl::StatusCode>(row.Int(10)), row.Text(11)),
+                   .create_time = ToTime(row, 12),
+                   .start_time = ToTime(row, 13),
+                   .end_time = ToTime(row, 14),
+                   .intervals_done = row.Int(15),
+                   .intervals_total = row.Int(16),
+                   .frames_done = row.Int(17),
+                   .frames_total = row.Int(18),
+                   .interval_seconds = row.Real(19)};
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(20);
+  ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
+  return job;
+}
+
+std::string Fingerprint(const NewJob& job) {
+  Sha256 hash;
+  hash.Update(absl::StrCat(job.sequence_id, "\n", job.options.method, "\n", job.options.key_every, "\n",
+                           job.options.threads, "\n", job.display_name));
+  return Hex(hash.Finish());
+}
+
+}  // namespace
+
+absl::StatusOr<int64_t> SqliteStore::JobNumber(std::string_view id) {
+  ASSIGN_OR_RETURN(const std::optional<int64_t> number,
+                   database_->Number("SELECT number FROM jobs WHERE id = ?", {id}));
+  if (!number) return NoSuchResource("jobs/" + std::string(id));
+  return *number;
+}
+
+absl::StatusOr<JobRecord> SqliteStore::ReadJob(int64_t number) {
+  static const std::string sql = std::string(kJobColumns) + "WHERE number = ?";
+  absl::StatusOr<JobRecord> job = absl::InternalError(absl::StrCat("database: no job ", number));
+  RETURN_IF_ERROR(database_->Run(sql.c_str(), {number}, [&job](const SqlRow& row) { job = ToJob(row); }));
+  return job;
+}
+
+absl::Status SqliteStore::EndJob(int64_t number, JobState state, const absl::Status& error) {
+  return database_->Run(
+      "UPDATE jobs SET state = ?, error_code = ?, error_message = ?, end_time_us = ? WHERE number = ?",
+      {state, error.code(), std::string(error.message()), absl::ToUnixMicros(absl::Now()), number});
+}
+
+absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) {
+  RETURN_IF_ERROR(CheckText("job.display_name", job.display_name, limits_.max_display_name_bytes));
+  RETURN_IF_ERROR(job.options.Validate());
+  const std::string fingerprint = Fingerprint(job);
+  return Transact([&]() -> absl::StatusOr<JobRecord> {
+    ASSIGN_OR_RETURN(const std::optional<std::string> made, MadeBefore(kJobScope, request_id, fingerprint));
+    if (made) {
+      ASSIGN_OR_RETURN(const int64_t number, JobNumber(*made));
+      return ReadJob(number);
+    }
+    ASSIGN_OR_RETURN(const SequenceRecord sequence, ReadSequence(job.sequence_id));
+    if (sequence.state != SequenceState::kReady) {
+      return WrongState(ToString(sequence.state),
+                        absl::StrCat("sequences/", job.sequence_id, " is ", std::string(ToString(sequence.state)),
+                                     ", must be READY before a job can use it"));
+    }
+    ASSIGN_OR_RETURN(const std::optional<int64_t> queued,
+                     database_->Number("SELECT count(*) FROM jobs WHERE state = 1"));
+    if (*queued >= limits_.max_queued_jobs) {
+      return LimitExceeded("max_queued_jobs", limits_.max_queued_jobs,
+                           absl::StrFormat("the queue is full with %d jobs; try again when some have run", *queued));
+    }
+    const absl::Time now = absl::FromUnixMicros(absl::ToUnixMicros(absl::Now()));
+    if (validate_only) {
+      return JobRecord{.display_name = job.display_name,
+                       .sequence_id = job.sequence_id,
+                       .options = job.options,
+                       .recording = *sequence.validation.recording,
+                       .create_time = now,
+                       .start_time = absl::InfiniteFuture(),
+                       .end_time = absl::InfiniteFuture(),
+                       .queue_position = static_cast<int>(*queued)};
+    }
+    const std::string id = NewId();
+    RETURN_IF_ERROR(database_->Run(
+        "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
+        "create_time_us) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
+         job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now)}));
+    const int64_t number = database_->LastInsertedRow();
+    RETURN_IF_ERROR(AddTask(TaskKind::kPrepare, number, /*failures=*/0));
+    RETURN_IF_ERROR(RememberRequest(kJobScope, request_id, fingerprint, id));
+    return ReadJob(number);
+  });
+}
+
+absl::StatusOr<JobRecord> SqliteStore::GetJob(std::string_view id) {
+  return Transact([&]() -> absl::StatusOr<JobRecord> {
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    return ReadJob(number);
+  });
+}
+
+absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const JobFilter& filter, const PageRequest& page) {
+  const int state = filter.state ? static_cast<int>(*filter.state) : 0;
+  const std::string sequence = filter.sequence_id.value_or("");
+  const std::string list = absl::StrCat("jobs state=", state, " sequence=", sequence);
+  ASSIGN_OR_RETURN(const int64_t before, ParsePageToken(page, list));
+  ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_));
+  static const std::string sql = std::string(kJobColumns) +
+                                 "WHERE number < ?1 AND (?2 = 0 OR state = ?2) AND (?3 = '' OR sequence_id = ?3) "
+                                 "ORDER BY number DESC LIMIT ?4";
+  return Transact([&]() -> absl::StatusOr<Page<JobRecord>> {
+    Page<JobRecord> result;
+    absl::Status damage;
+    bool more = false;
+    // One row beyond the page tells whether there is a next one.
+    RETURN_IF_ERROR(database_->Run(sql.c_str(), {before, state, sequence, size + 1}, [&](const SqlRow& row) {
+      more = static_cast<int>(result.items.size()) == size;
+      if (more) return;
+      absl::StatusOr<JobRecord> job = ToJob(row);
+      damage.Update(job.status());
+      if (job.ok()) result.items.push_back(*std::move(job));
+    }));
+    RETURN_IF_ERROR(damage);
+    if (more) result.next_token = MakePageToken(result.items.back().number, list);
+    return result;
+  });
+}
+
+absl::Status SqliteStore::DeleteJob(std::string_view id) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const JobRecord job, ReadJob(number));
+    if (!HasEnded(job.state)) {
+      return WrongState(ToString(job.state),
+                        absl::StrCat("jobs/", std::string(id), " is ", std::string(ToString(job.state)),
+                                     "; cancel it before deleting it"));
+    }
+    RETURN_IF_ERROR(database_->Run("DELETE FROM requests WHERE made_id = ?", {id}));
+    return database_->Run("DELETE FROM jobs WHERE number = ?", {number});
+  });
+}
+
+absl::StatusOr<JobRecord> SqliteStore::CancelJob(std::string_view id) {
+  return Transact([&]() -> absl::StatusOr<JobRecord> {
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const JobRecord job, ReadJob(number));
+    if (job.state == JobState::kCancelling || job.state == JobState::kCancelled) return job;
+    if (HasEnded(job.state)) {
+      return WrongState(ToString(job.state), absl::StrCat("jobs/", std::string(id), " has already ended as ",
+                                                          std::string(ToString(job.state))));
+    }
+    RETURN_IF_ERROR(database_->Run("DELETE FROM tasks WHERE job = ? AND running = 0", {number}));
+    RETURN_IF_ERROR(database_->Run("UPDATE jobs SET state = ? WHERE number = ?", {JobState::kCancelling, number}));
+    RETURN_IF_ERROR(SettleJob(number));
+    return ReadJob(number);
+  });
+}
+
+absl::StatusOr<JobRecord> SqliteStore::RetryJob(std::string_view id) {
+  return Transact([&]() -> absl::StatusOr<JobRecord> {
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const JobRecord job, ReadJob(number));
+    if (job.state != JobState::kFailed && job.state != JobState::kCancelled) {
+      return WrongState(ToString(job.state),
+                        absl::StrCat("jobs/", std::string(id), " is ", std::string(ToString(job.state)),
+                                     ", only a FAILED or CANCELLED job can be retried"));
+    }
+    ASSIGN_OR_RETURN(const std::optional<int64_t> sequence,
+                     database_->Number("SELECT number FROM sequences WHERE id = ?", {job.sequence_id}));
+    if (!sequence) {
+      return WrongState(ToString(job.state), absl::StrCat("sequences/", job.sequence_id,
+                                                          " has been deleted; upload it again and create a new job"));
+    }
+    RETURN_IF_ERROR(database_->Run(
+        "UPDATE jobs SET state = ?, attempt = attempt + 1, error_code = 0, error_message = '', start_time_us = NULL, "
+        "end_time_us = NULL WHERE number = ?",
+        {JobState::kQueued, number}));
+    RETURN_IF_ERROR(database_->Run("UPDATE intervals SET failures = 0 WHERE job = ? AND failures > 0", {number}));
+    if (job.intervals_total == 0) {
+      RETURN_IF_ERROR(AddTask(TaskKind::kPrepare, number, /*failures=*/0));
+    } else if (job.intervals_done == job.intervals_total) {
+      RETURN_IF_ERROR(AddTask(TaskKind::kAssemble, number, /*failures=*/0));
+    }
+    return ReadJob(number);
+  });
+}
+
+absl::StatusOr<std::vector<FrameRecord>> SqliteStore::JobFrames(std::string_view id, int first, int count) {
+  return Transact([&]() -> absl::StatusOr<std::vector<FrameRecord>> {
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    std::vector<FrameRecord> frames;
+    RETURN_IF_ERROR(database_->Run(
+        "SELECT f.idx, f.time_ns, f.stem, i.done FROM frames f JOIN intervals i ON i.job = f.job AND i.idx = "
+        "f.interval "
+        "WHERE f.job = ? AND f.idx >= ? ORDER BY f.idx LIMIT ?",
+        {number, first, count}, [&frames](const SqlRow& row) {
+          frames.push_back(
+              {.index = row.Int(0), .time_ns = row.Int64(1), .stem = row.Text(2), .ready = row.Int(3) != 0});
+        }));
+    return frames;
+  });
+}
+
+}  // namespace depthtween::server

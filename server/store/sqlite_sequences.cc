@@ -1,0 +1,337 @@
+// Sequences and uploads.
+#include <algorithm>
+#include <set>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_format.h"
+#include "server/store/error_info.h"
+#include "server/store/path_rules.h"
+#include "server/store/records_json.h"
+#include "server/store/sha256.h"
+#include "server/store/sqlite_store_impl.h"
+
+namespace depthtween::server {
+namespace {
+
+constexpr char kSequenceScope[] = "sequence";
+
+std::string UploadScope(std::string_view sequence_id) { return "upload/" + std::string(sequence_id); }
+
+int64_t NowUs() { return absl::ToUnixMicros(absl::Now()); }
+
+// Of arguments in an order that is fixed; lengths keep "ab","c" and "a","bc" apart.
+std::string Fingerprint(const std::vector<UploadFile>& files) {
+  Sha256 hash;
+  for (const UploadFile& file : files) {
+    hash.Update(absl::StrCat(file.path.size(), ":", file.path, " ", file.size_bytes, " ", Hex(file.sha256), "\n"));
+  }
+  return Hex(hash.Finish());
+}
+
+std::string Fingerprint(std::string_view text) {
+  Sha256 hash;
+  hash.Update(text);
+  return Hex(hash.Finish());
+}
+
+constexpr char kSequenceColumns[] =
+    "SELECT id, display_name, state, create_time_us, update_time_us, size_bytes, file_count, validation, number "
+    "FROM sequences ";
+
+absl::StatusOr<SequenceRecord> ToSequence(const SqlRow& row) {
+  SequenceRecord record = {.id = row.Text(0),
+                           .display_name = row.Text(1),
+                           .state = static_cast<SequenceState>(row.Int(2)),
+                           .create_time = absl::FromUnixMicros(row.Int64(3)),
+                           .update_time = absl::FromUnixMicros(row.Int64(4)),
+                           .size_bytes = row.Int64(5),
+                           .file_count = row.Int(6)};
+  if (!row.IsNull(7)) {
+    ASSIGN_OR_RETURN(record.validation, ValidationResultFromJson(row.Text(7)));
+  }
+  return record;
+}
+
+}  // namespace
+
+absl::StatusOr<int64_t> SqliteStore::SequenceNumber(std::string_view id) {
+  ASSIGN_OR_RETURN(const std::optional<int64_t> number,
+                   database_->Number("SELECT number FROM sequences WHERE id = ?", {id}));
+  if (!number) return NoSuchResource("sequences/" + std::string(id));
+  return *number;
+}
+
+absl::StatusOr<SequenceRecord> SqliteStore::ReadSequence(std::string_view id) {
+  static const std::string sql = std::string(kSequenceColumns) + "WHERE id = ?";
+  absl::StatusOr<SequenceRecord> record = NoSuchResource("sequences/" + std::string(id));
+  RETURN_IF_ERROR(database_->Run(sql.c_str(), {id}, [&record](const SqlRow& row) { record = ToSequence(row); }));
+  return record;
+}
+
+absl::Status SqliteStore::TouchSequence(int64_t number, SequenceState state) {
+  return database_->Run("UPDATE sequences SET state = ?, update_time_us = ? WHERE number = ?",
+                        {state, NowUs(), number});
+}
+
+absl::StatusOr<SequenceRecord> SqliteStore::CreateSequence(std::string_view display_name, std::string_view request_id) {
+  RETURN_IF_ERROR(CheckText("sequence.display_name", display_name, limits_.max_display_name_bytes));
+  const std::string fingerprint = Fingerprint(display_name);
+  return Transact([&]() -> absl::StatusOr<SequenceRecord> {
+    ASSIGN_OR_RETURN(const std::optional<std::string> made, MadeBefore(kSequenceScope, request_id, fingerprint));
+    if (made) return ReadSequence(*made);
+    const std::string id = NewId();
+    const int64_t now = NowUs();
+    RETURN_IF_ERROR(database_->Run(
+        "INSERT INTO sequences (id, display_name, state, create_time_us, update_time_us) VALUES (?, ?, ?, ?, ?)",
+        {id, display_name, SequenceState::kUploading, now, now}));
+    RETURN_IF_ERROR(RememberRequest(kSequenceScope, request_id, fingerprint, id));
+    return ReadSequence(id);
+  });
+}
+
+absl::StatusOr<SequenceRecord> SqliteStore::GetSequence(std::string_view id) {
+  return Transact([&] { return ReadSequence(id); });
+}
+
+absl::StatusOr<Page<SequenceRecord>> SqliteStore::ListSequences(const SequenceFilter& filter, const PageRequest& page) {
+  const int state = filter.state ? static_cast<int>(*filter.state) : 0;
+  const std::string list = absl::StrCat("sequences state=", state);
+  ASSIGN_OR_RETURN(const int64_t before, ParsePageToken(page, list));
+  ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_));
+  static const std::string sql =
+      std::string(kSequenceColumns) + "WHERE number < ?1 AND (?2 = 0 OR state = ?2) ORDER BY number DESC LIMIT ?3";
+  return Transact([&]() -> absl::StatusOr<Page<SequenceRecord>> {
+    Page<SequenceRecord> result;
+    absl::Status damage;
+    int64_t last = 0;
+    bool more = false;
+    // One row beyond the page tells whether there is a next one.
+    RETURN_IF_ERROR(database_->Run(sql.c_str(), {before, state, size + 1}, [&](const SqlRow& row) {
+      more = static_cast<int>(result.items.size()) == size;
+      if (more) return;
+      absl::StatusOr<SequenceRecord> record = ToSequence(row);
+      damage.Update(record.status());
+      if (record.ok()) result.items.push_back(*std::move(record));
+      last = row.Int64(8);
+    }));
+    RETURN_IF_ERROR(damage);
+    if (more) result.next_token = MakePageToken(last, list);
+    return result;
+  });
+}
+
+absl::Status SqliteStore::DeleteSequence(std::string_view id) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const SequenceRecord record, ReadSequence(id));
+    if (record.state == SequenceState::kValidating) {
+      return WrongState(ToString(record.state), "the sequence is being validated; wait until it is READY or INVALID");
+    }
+    std::string job;
+    RETURN_IF_ERROR(database_->Run("SELECT id FROM jobs WHERE sequence_id = ? AND state IN (1, 2, 3) LIMIT 1", {id},
+                                   [&job](const SqlRow& row) { job = row.Text(0); }));
+    if (!job.empty()) {
+      return WrongState(ToString(record.state),
+                        absl::StrCat("jobs/", job, " still needs the sequence; cancel it first"));
+    }
+    RETURN_IF_ERROR(database_->Run("DELETE FROM requests WHERE made_id = ? OR scope = ?", {id, UploadScope(id)}));
+    return database_->Run("DELETE FROM sequences WHERE id = ?", {id});
+  });
+}
+
+absl::Status SqliteStore::CheckNewFiles(int64_t sequence, const std::vector<UploadFile>& files) {
+  const auto duplicate = [](const std::string& path, absl::string_view message) {
+    return WithErrorInfo(absl::AlreadyExistsError(absl::StrCat("path \"", path, "\" ", message)),
+                         {.reason = "DUPLICATE_PATH", .metadata = {{"path", path}}});
+  };
+  std::set<std::string_view> paths;
+  for (const UploadFile& file : files) {
+    if (!paths.insert(file.path).second) return duplicate(file.path, "is twice in the manifest; name each file once");
+  }
+  // A name cannot be a file and a folder.
+  for (const UploadFile& file : files) {
+    for (size_t slash = file.path.find('/'); slash != std::string::npos; slash = file.path.find('/', slash + 1)) {
+      const std::string folder = file.path.substr(0, slash);
+      ASSIGN_OR_RETURN(const std::optional<int64_t> is_file,
+                       database_->Number("SELECT 1 FROM files WHERE sequence = ? AND path = ?", {sequence, folder}));
+      if (is_file || paths.count(folder) > 0) return duplicate(folder, "would be both a file and a folder");
+    }
+    ASSIGN_OR_RETURN(const std::optional<int64_t> exists,
+                     database_->Number("SELECT 1 FROM files WHERE sequence = ? AND path = ?", {sequence, file.path}));
+    if (exists) return duplicate(file.path, "is already part of the sequence; resume the upload that carries it");
+    // '0' is the character after '/': the range holds everything inside a folder of this name.
+    ASSIGN_OR_RETURN(const std::optional<int64_t> is_folder,
+                     database_->Number("SELECT 1 FROM files WHERE sequence = ? AND path > ? AND path < ? LIMIT 1",
+                                       {sequence, file.path + "/", file.path + "0"}));
+    if (is_folder) return duplicate(file.path, "would be both a file and a folder");
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(std::string_view sequence_id,
+                                                       const std::vector<UploadFile>& files,
+                                                       std::string_view request_id) {
+  if (files.empty()) return BadField("upload.files", "upload.files is empty, must name at least one file");
+  if (files.size() > static_cast<size_t>(limits_.max_files_per_upload)) {
+    return LimitExceeded("max_files_per_upload", limits_.max_files_per_upload,
+                         absl::StrFormat("upload.files has %d files, at most %d are allowed; use several uploads",
+                                         files.size(), limits_.max_files_per_upload));
+  }
+  int64_t size_bytes = 0;
+  for (const UploadFile& file : files) {
+    RETURN_IF_ERROR(CheckRelativePath(file.path));
+    if (file.size_bytes < 0) {
+      return BadField("upload.files.size_bytes",
+                      absl::StrFormat("%s: size_bytes = %d, must be >= 0", file.path, file.size_bytes));
+    }
+    if (!file.sha256.empty() && file.sha256.size() != 32) {
+      return BadField("upload.files.sha256",
+                      absl::StrFormat("%s: sha256 has %d bytes, must have 32, or none", file.path, file.sha256.size()));
+    }
+    // Compared before it is added, so that no sum can overflow.
+    if (file.size_bytes > limits_.max_sequence_bytes - size_bytes) {
+      return LimitExceeded("max_sequence_bytes", limits_.max_sequence_bytes,
+                           absl::StrFormat("%s: with it the upload exceeds the %d bytes a sequence may have", file.path,
+                                           limits_.max_sequence_bytes));
+    }
+    size_bytes += file.size_bytes;
+  }
+  const std::string fingerprint = Fingerprint(files);
+  return Transact([&]() -> absl::StatusOr<UploadRecord> {
+    ASSIGN_OR_RETURN(const SequenceRecord sequence, ReadSequence(sequence_id));
+    ASSIGN_OR_RETURN(const std::optional<std::string> made,
+                     MadeBefore(UploadScope(sequence_id), request_id, fingerprint));
+    if (made) return ReadUpload(*made);
+    if (sequence.state != SequenceState::kUploading) {
+      return WrongState(ToString(sequence.state), "the sequence is committed and takes no more files; create another");
+    }
+    if (size_bytes > limits_.max_sequence_bytes - sequence.size_bytes) {
+      return LimitExceeded("max_sequence_bytes", limits_.max_sequence_bytes,
+                           absl::StrFormat("the sequence would have %d bytes, at most %d are allowed",
+                                           sequence.size_bytes + size_bytes, limits_.max_sequence_bytes));
+    }
+    const int64_t file_count = sequence.file_count + static_cast<int64_t>(files.size());
+    if (file_count > limits_.max_files_per_sequence) {
+      return LimitExceeded("max_files_per_sequence", limits_.max_files_per_sequence,
+                           absl::StrFormat("the sequence would have %d files, at most %d are allowed", file_count,
+                                           limits_.max_files_per_sequence));
+    }
+    ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(sequence_id));
+    RETURN_IF_ERROR(CheckNewFiles(number, files));
+    const std::string id = NewId();
+    RETURN_IF_ERROR(database_->Run("INSERT INTO uploads (id, sequence, size_bytes, create_time_us) VALUES (?, ?, ?, ?)",
+                                   {id, number, size_bytes, NowUs()}));
+    const int64_t upload = database_->LastInsertedRow();
+    for (size_t position = 0; position < files.size(); ++position) {
+      const UploadFile& file = files[position];
+      RETURN_IF_ERROR(database_->Run(
+          "INSERT INTO files (sequence, path, upload, position, size_bytes, sha256) VALUES (?, ?, ?, ?, ?, ?)",
+          {number, file.path, upload, position, file.size_bytes, SqlValue::Blob{file.sha256}}));
+    }
+    RETURN_IF_ERROR(
+        database_->Run("UPDATE sequences SET size_bytes = size_bytes + ?, file_count = file_count + ?, update_time_us "
+                       "= ? WHERE number = ?",
+                       {size_bytes, files.size(), NowUs(), number}));
+    RETURN_IF_ERROR(RememberRequest(UploadScope(sequence_id), request_id, fingerprint, id));
+    return ReadUpload(id);
+  });
+}
+
+absl::StatusOr<UploadRecord> SqliteStore::ReadUpload(std::string_view id) {
+  absl::StatusOr<UploadRecord> record = NoSuchResource("uploads/" + std::string(id));
+  RETURN_IF_ERROR(
+      database_->Run("SELECT u.id, s.id, u.size_bytes, u.committed_size, u.finished, u.create_time_us "
+                     "FROM uploads u JOIN sequences s ON s.number = u.sequence WHERE u.id = ?",
+                     {id}, [&record](const SqlRow& row) {
+                       record = UploadRecord{.id = row.Text(0),
+                                             .sequence_id = row.Text(1),
+                                             .size_bytes = row.Int64(2),
+                                             .committed_size = row.Int64(3),
+                                             .finished = row.Int(4) != 0,
+                                             .create_time = absl::FromUnixMicros(row.Int64(5))};
+                     }));
+  return record;
+}
+
+absl::StatusOr<UploadRecord> SqliteStore::GetUpload(std::string_view sequence_id, std::string_view upload_id) {
+  return Transact([&]() -> absl::StatusOr<UploadRecord> {
+    absl::StatusOr<UploadRecord> record = ReadUpload(upload_id);
+    if (absl::IsNotFound(record.status()) || (record.ok() && record->sequence_id != sequence_id)) {
+      return NoSuchResource(
+          absl::StrFormat("sequences/%s/uploads/%s", std::string(sequence_id), std::string(upload_id)));
+    }
+    return record;
+  });
+}
+
+absl::StatusOr<std::vector<UploadFile>> SqliteStore::UploadFiles(std::string_view upload_id) {
+  return Transact([&]() -> absl::StatusOr<std::vector<UploadFile>> {
+    std::vector<UploadFile> files;
+    RETURN_IF_ERROR(
+        database_->Run("SELECT path, f.size_bytes, sha256 FROM files f JOIN uploads u ON u.number = f.upload WHERE "
+                       "u.id = ? ORDER BY position",
+                       {upload_id}, [&files](const SqlRow& row) {
+                         files.push_back({.path = row.Text(0), .size_bytes = row.Int64(1), .sha256 = row.Text(2)});
+                       }));
+    if (files.empty()) return NoSuchResource("uploads/" + std::string(upload_id));
+    return files;
+  });
+}
+
+absl::Status SqliteStore::SetCommittedSize(std::string_view upload_id, int64_t committed_size) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const UploadRecord upload, ReadUpload(upload_id));
+    if (upload.finished) return WrongState("FINISHED", "the upload is finished and takes no more bytes");
+    if (committed_size < 0 || committed_size > upload.size_bytes) {
+      return absl::InternalError(
+          absl::StrFormat("committed_size = %d, must be 0 to %d", committed_size, upload.size_bytes));
+    }
+    return database_->Run("UPDATE uploads SET committed_size = ? WHERE id = ?", {committed_size, upload_id});
+  });
+}
+
+absl::StatusOr<UploadRecord> SqliteStore::FinishUpload(std::string_view upload_id) {
+  return Transact([&]() -> absl::StatusOr<UploadRecord> {
+    ASSIGN_OR_RETURN(UploadRecord upload, ReadUpload(upload_id));
+    if (upload.finished) return upload;
+    if (upload.committed_size != upload.size_bytes) {
+      return WrongState("RECEIVING", absl::StrFormat("the upload has %d of %d bytes; send the rest before finish",
+                                                     upload.committed_size, upload.size_bytes));
+    }
+    RETURN_IF_ERROR(database_->Run("UPDATE uploads SET finished = 1 WHERE id = ?", {upload_id}));
+    upload.finished = true;
+    return upload;
+  });
+}
+
+absl::StatusOr<SequenceRecord> SqliteStore::CommitSequence(std::string_view id) {
+  return Transact([&]() -> absl::StatusOr<SequenceRecord> {
+    ASSIGN_OR_RETURN(const SequenceRecord record, ReadSequence(id));
+    if (record.state != SequenceState::kUploading) return record;
+    if (record.file_count == 0)
+      return WrongState("UPLOADING", "the sequence has no files; upload some before the commit");
+    ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(id));
+    std::string unfinished;
+    RETURN_IF_ERROR(
+        database_->Run("SELECT id, committed_size, size_bytes FROM uploads WHERE sequence = ? AND finished = 0 LIMIT 1",
+                       {number}, [&](const SqlRow& row) {
+                         unfinished = absl::StrFormat("sequences/%s/uploads/%s has %d of %d bytes and is not finished",
+                                                      std::string(id), row.Text(0), row.Int64(1), row.Int64(2));
+                       }));
+    if (!unfinished.empty()) return WrongState("UPLOADING", unfinished);
+    RETURN_IF_ERROR(TouchSequence(number, SequenceState::kValidating));
+    RETURN_IF_ERROR(AddTask(TaskKind::kValidate, number, /*failures=*/0));
+    return ReadSequence(id);
+  });
+}
+
+absl::Status SqliteStore::FinishValidation(int64_t task, const ValidationResult& result) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
+    RETURN_IF_ERROR(
+        database_->Run("UPDATE sequences SET validation = ? WHERE number = ?", {ToJson(result), row.sequence}));
+    RETURN_IF_ERROR(TouchSequence(row.sequence, result.recording ? SequenceState::kReady : SequenceState::kInvalid));
+    return RemoveTask(task);
+  });
+}
+
+}  // namespace depthtween::server

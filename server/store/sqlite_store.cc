@@ -1,0 +1,104 @@
+#include "server/store/sqlite_store.h"
+
+#include <sys/random.h>
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <new>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "proto/depthtween/crc32c.h"
+#include "server/store/error_info.h"
+#include "server/store/schema.h"
+#include "server/store/sha256.h"
+#include "server/store/sqlite_store_impl.h"
+
+namespace depthtween::server {
+
+absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, const Limits& limits) {
+  ASSIGN_OR_RETURN(std::unique_ptr<Database> database, Database::Open(file));
+  auto store = std::make_unique<SqliteStore>(std::move(database), limits);
+  RETURN_IF_ERROR(WithContext(store->Migrate(), file));
+  return store;
+}
+
+absl::Status SqliteStore::Migrate() {
+  return Transact([this]() -> absl::Status {
+    ASSIGN_OR_RETURN(const std::optional<int64_t> version, database_->Number("PRAGMA user_version"));
+    const std::vector<std::string>& steps = SchemaSteps();
+    if (*version > static_cast<int64_t>(steps.size())) {
+      return absl::FailedPreconditionError(
+          absl::StrFormat("the database has schema %d, this server knows %d: a newer version wrote it, run that one",
+                          *version, steps.size()));
+    }
+    for (size_t step = static_cast<size_t>(*version); step < steps.size(); ++step) {
+      RETURN_IF_ERROR(database_->RunScript(steps[step]));
+    }
+    return database_->RunScript(absl::StrCat("PRAGMA user_version = ", steps.size()));
+  });
+}
+
+absl::StatusOr<std::optional<std::string>> SqliteStore::MadeBefore(const std::string& scope,
+                                                                   std::string_view request_id,
+                                                                   const std::string& fingerprint) {
+  RETURN_IF_ERROR(CheckText("request_id", request_id, limits_.max_request_id_bytes));
+  std::optional<std::string> made;
+  if (request_id.empty()) return made;
+  bool same = true;
+  RETURN_IF_ERROR(database_->Run("SELECT fingerprint, made_id FROM requests WHERE scope = ? AND request_id = ?",
+                                 {scope, request_id}, [&](const SqlRow& row) {
+                                   same = row.Text(0) == fingerprint;
+                                   made = row.Text(1);
+                                 }));
+  if (!same) {
+    return WithErrorInfo(absl::AlreadyExistsError("this request_id was used for a different request; choose another"),
+                         {.reason = "IDEMPOTENCY_MISMATCH", .metadata = {{"request_id", std::string(request_id)}}});
+  }
+  return made;
+}
+
+absl::Status SqliteStore::RememberRequest(const std::string& scope, std::string_view request_id,
+                                          const std::string& fingerprint, const std::string& made_id) {
+  if (request_id.empty()) return absl::OkStatus();
+  return database_->Run("INSERT INTO requests (scope, request_id, fingerprint, made_id) VALUES (?, ?, ?, ?)",
+                        {scope, request_id, fingerprint, made_id});
+}
+
+std::string NewId() {
+  std::array<char, 8> bytes{};
+  if (getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) throw std::bad_alloc();
+  return Hex({bytes.data(), bytes.size()});
+}
+
+std::string MakePageToken(int64_t last_number, std::string_view list_and_filter) {
+  return absl::StrFormat("%x-%08x", last_number, Crc32c(list_and_filter));
+}
+
+absl::StatusOr<int64_t> ParsePageToken(const PageRequest& page, std::string_view list_and_filter) {
+  if (page.token.empty()) return std::numeric_limits<int64_t>::max();
+  const std::vector<std::string> parts = absl::StrSplit(page.token, '-');
+  int64_t number = 0;
+  if (parts.size() != 2 || !absl::SimpleHexAtoi(parts[0], &number) ||
+      page.token != MakePageToken(number, list_and_filter)) {
+    return BadField("page_token", "page_token is not one of this list and filter; pass next_page_token unchanged");
+  }
+  return number;
+}
+
+absl::StatusOr<int> CheckPageSize(const PageRequest& page, const Limits& limits) {
+  if (page.size < 1 || page.size > limits.max_page_size) {
+    return BadField("page_size", absl::StrFormat("page_size = %d, must be 1 to %d", page.size, limits.max_page_size));
+  }
+  return page.size;
+}
+
+absl::Status CheckText(std::string_view field, std::string_view text, int max_bytes) {
+  if (text.size() <= static_cast<size_t>(max_bytes)) return absl::OkStatus();
+  return BadField(field,
+                  absl::StrFormat("%s has %d bytes, must have at most %d", std::string(field), text.size(), max_bytes));
+}
+
+}  // namespace depthtween::server

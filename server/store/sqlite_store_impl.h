@@ -1,0 +1,119 @@
+// The class behind OpenSqliteStore; its methods are spread over sqlite_{sequences,jobs,work}.cc.
+#ifndef DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_IMPL_H_
+#define DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_IMPL_H_
+
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "server/store/limits.h"
+#include "server/store/sqlite.h"
+#include "server/store/store.h"
+
+namespace depthtween::server {
+
+class SqliteStore : public Store {
+ public:
+  SqliteStore(std::unique_ptr<Database> database, const Limits& limits)
+      : database_(std::move(database)), limits_(limits) {}
+
+  // Brings the schema up to date.
+  absl::Status Migrate();
+
+  absl::StatusOr<SequenceRecord> CreateSequence(std::string_view display_name, std::string_view request_id) override;
+  absl::StatusOr<SequenceRecord> GetSequence(std::string_view id) override;
+  absl::StatusOr<Page<SequenceRecord>> ListSequences(const SequenceFilter& filter, const PageRequest& page) override;
+  absl::Status DeleteSequence(std::string_view id) override;
+  absl::StatusOr<UploadRecord> CreateUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
+                                            std::string_view request_id) override;
+  absl::StatusOr<UploadRecord> GetUpload(std::string_view sequence_id, std::string_view upload_id) override;
+  absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) override;
+  absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size) override;
+  absl::StatusOr<UploadRecord> FinishUpload(std::string_view upload_id) override;
+  absl::StatusOr<SequenceRecord> CommitSequence(std::string_view id) override;
+
+  absl::StatusOr<JobRecord> CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) override;
+  absl::StatusOr<JobRecord> GetJob(std::string_view id) override;
+  absl::StatusOr<Page<JobRecord>> ListJobs(const JobFilter& filter, const PageRequest& page) override;
+  absl::Status DeleteJob(std::string_view id) override;
+  absl::StatusOr<JobRecord> CancelJob(std::string_view id) override;
+  absl::StatusOr<JobRecord> RetryJob(std::string_view id) override;
+  absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count) override;
+
+  absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) override;
+  absl::Status FinishValidation(int64_t task, const ValidationResult& result) override;
+  absl::Status FinishPrepare(int64_t task, const JobPlan& plan) override;
+  absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) override;
+  absl::Status CompleteTask(int64_t task) override;
+  absl::Status FailTask(int64_t task, const absl::Status& error, bool retry) override;
+  absl::Status ReleaseTask(int64_t task) override;
+  absl::Status ReleaseAllTasks() override;
+
+ private:
+  // A task as its row holds it.
+  struct TaskRow {
+    int64_t number = 0;
+    TaskKind kind = TaskKind::kValidate;
+    int64_t sequence = 0;  // 0: none
+    int64_t job = 0;       // 0: none
+    int failures = 0;
+    int first_interval = 0;
+    int interval_count = 0;
+  };
+
+  // One transaction under the mutex.
+  template <typename Body>
+  auto Transact(const Body& body) {
+    const std::lock_guard lock(mutex_);
+    return database_->Transact(body);
+  }
+
+  // Everything below runs inside a transaction.
+
+  // The id of what `request_id` made in `scope`; nullopt when it is new or empty. AlreadyExists (IDEMPOTENCY_MISMATCH).
+  absl::StatusOr<std::optional<std::string>> MadeBefore(const std::string& scope, std::string_view request_id,
+                                                        const std::string& fingerprint);
+  absl::Status RememberRequest(const std::string& scope, std::string_view request_id, const std::string& fingerprint,
+                               const std::string& made_id);
+
+  absl::StatusOr<int64_t> SequenceNumber(std::string_view id);
+  absl::StatusOr<SequenceRecord> ReadSequence(std::string_view id);
+  absl::Status TouchSequence(int64_t number, SequenceState state);
+  absl::StatusOr<UploadRecord> ReadUpload(std::string_view id);
+  absl::Status CheckNewFiles(int64_t sequence, const std::vector<UploadFile>& files);
+
+  absl::StatusOr<int64_t> JobNumber(std::string_view id);
+  absl::StatusOr<JobRecord> ReadJob(int64_t number);
+  absl::Status EndJob(int64_t number, JobState state, const absl::Status& error);
+
+  absl::Status AddTask(TaskKind kind, int64_t owner, int failures);
+  // FailedPrecondition unless the task is running.
+  absl::StatusOr<TaskRow> RunningTask(int64_t number);
+  // Removes a task's row; the intervals it leaves undone may be claimed again.
+  absl::Status RemoveTask(int64_t number);
+  // After a task of the job ended: what comes next.
+  absl::Status SettleJob(int64_t job);
+  absl::Status Release(const TaskRow& task);
+  absl::Status Fail(const TaskRow& task, const absl::Status& error, bool retry);
+
+  std::mutex mutex_;
+  const std::unique_ptr<Database> database_;  // guarded by mutex_
+  const Limits limits_;
+};
+
+// 16 random hexadecimal digits.
+std::string NewId();
+// Page tokens name the last number seen, and the list and filter they belong to.
+std::string MakePageToken(int64_t last_number, std::string_view list_and_filter);
+// The number that the page comes before; the largest there is for an empty token. InvalidArgument for a foreign one.
+absl::StatusOr<int64_t> ParsePageToken(const PageRequest& page, std::string_view list_and_filter);
+// InvalidArgument if the size is negative or above the limit.
+absl::StatusOr<int> CheckPageSize(const PageRequest& page, const Limits& limits);
+absl::Status CheckText(std::string_view field, std::string_view text, int max_bytes);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_IMPL_H_

@@ -1,0 +1,244 @@
+// Work: how it is claimed, recorded, and given back.
+#include <algorithm>
+
+#include "absl/strings/str_format.h"
+#include "server/store/error_info.h"
+#include "server/store/records_json.h"
+#include "server/store/sqlite_store_impl.h"
+
+namespace depthtween::server {
+
+absl::Status SqliteStore::AddTask(TaskKind kind, int64_t owner, int failures) {
+  const bool validate = kind == TaskKind::kValidate;
+  return database_->Run("INSERT INTO tasks (kind, sequence, job, failures) VALUES (?, ?, ?, ?)",
+                        {kind, validate ? SqlValue(owner) : nullptr, validate ? nullptr : SqlValue(owner), failures});
+}
+
+absl::StatusOr<SqliteStore::TaskRow> SqliteStore::RunningTask(int64_t number) {
+  std::optional<TaskRow> task;
+  RETURN_IF_ERROR(
+      database_->Run("SELECT number, kind, sequence, job, failures, first_interval, interval_count FROM tasks "
+                     "WHERE number = ? AND running = 1",
+                     {number}, [&task](const SqlRow& row) {
+                       task = TaskRow{.number = row.Int64(0),
+                                      .kind = static_cast<TaskKind>(row.Int(1)),
+                                      .sequence = row.Int64(2),
+                                      .job = row.Int64(3),
+                                      .failures = row.Int(4),
+                                      .first_interval = row.Int(5),
+                                      .interval_count = row.Int(6)};
+                     }));
+  if (!task) return absl::FailedPreconditionError(absl::StrFormat("task %d is no longer running", number));
+  return *task;
+}
+
+absl::Status SqliteStore::RemoveTask(int64_t number) {
+  RETURN_IF_ERROR(database_->Run("UPDATE intervals SET task = NULL WHERE task = ?", {number}));
+  return database_->Run("DELETE FROM tasks WHERE number = ?", {number});
+}
+
+absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batch_size) {
+  return Transact([&]() -> absl::StatusOr<std::optional<Task>> {
+    // Validations first: they are short, and somebody waits. Then the oldest job that has something to do.
+    int64_t number = 0, job = 0;
+    RETURN_IF_ERROR(database_->Run(
+        "SELECT number, coalesce(job, 0) AS of_job FROM tasks WHERE running = 0 ORDER BY of_job, number LIMIT 1", {},
+        [&](const SqlRow& row) {
+          number = row.Int64(0);
+          job = row.Int64(1);
+        }));
+    // Of a job that runs, or of one that was retried and has its plan.
+    ASSIGN_OR_RETURN(
+        const std::optional<int64_t> job_with_intervals,
+        database_->Number("SELECT number FROM jobs WHERE state IN (1, 2) AND EXISTS (SELECT 1 FROM intervals i "
+                          "WHERE i.job = jobs.number AND i.done = 0 AND i.task IS NULL) "
+                          "ORDER BY number LIMIT 1"));
+    if (job_with_intervals && (number == 0 || *job_with_intervals < job)) {
+      job = *job_with_intervals;
+      ASSIGN_OR_RETURN(const JobRecord record, ReadJob(job));
+      const int wanted = std::max(1, batch_size(record));
+      int first = 0, count = 0, failures = 0;
+      RETURN_IF_ERROR(database_->Run(
+          "SELECT idx, failures FROM intervals WHERE job = ? AND done = 0 AND task IS NULL ORDER BY idx LIMIT ?",
+          {job, wanted}, [&](const SqlRow& row) {
+            if (count == 0) {
+              first = row.Int(0);
+              failures = row.Int(1);
+            }
+            if (row.Int(0) == first + count) ++count;
+          }));
+      RETURN_IF_ERROR(database_->Run(
+          "INSERT INTO tasks (kind, job, failures, first_interval, interval_count) VALUES (?, ?, ?, ?, ?)",
+          {TaskKind::kIntervals, job, failures, first, count}));
+      number = database_->LastInsertedRow();
+      RETURN_IF_ERROR(database_->Run("UPDATE intervals SET task = ? WHERE job = ? AND idx >= ? AND idx < ?",
+                                     {number, job, first, first + count}));
+    }
+    if (number == 0) return std::nullopt;
+    RETURN_IF_ERROR(database_->Run("UPDATE tasks SET running = 1 WHERE number = ?", {number}));
+    ASSIGN_OR_RETURN(const TaskRow row, RunningTask(number));
+    Task task = {.number = number,
+                 .kind = row.kind,
+                 .first_interval = row.first_interval,
+                 .interval_count = row.interval_count,
+                 .failures = row.failures};
+    if (row.kind == TaskKind::kValidate) {
+      RETURN_IF_ERROR(database_->Run("SELECT id FROM sequences WHERE number = ?", {row.sequence},
+                                     [&task](const SqlRow& found) { task.sequence_id = found.Text(0); }));
+      return task;
+    }
+    RETURN_IF_ERROR(database_->Run("UPDATE jobs SET state = ?, start_time_us = ? WHERE number = ? AND state = ?",
+                                   {JobState::kRunning, absl::ToUnixMicros(absl::Now()), job, JobState::kQueued}));
+    RETURN_IF_ERROR(
+        database_->Run("SELECT id, sequence_id FROM jobs WHERE number = ?", {job}, [&task](const SqlRow& found) {
+          task.job_id = found.Text(0);
+          task.sequence_id = found.Text(1);
+        }));
+    return task;
+  });
+}
+
+absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {
+  if (plan.intervals.empty() || plan.frames.empty()) {
+    return absl::InvalidArgumentError("the plan has no intervals or no frames, must have both");
+  }
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
+    for (const PlannedInterval& interval : plan.intervals) {
+      RETURN_IF_ERROR(
+          database_->Run("INSERT INTO intervals (job, idx, first_frame, frame_count, held) VALUES (?, ?, ?, ?, ?)",
+                         {row.job, interval.index, interval.first_frame, interval.frame_count, interval.held}));
+      for (int i = interval.first_frame; i < interval.first_frame + interval.frame_count; ++i) {
+        const PlannedFrame& frame = plan.frames.at(static_cast<size_t>(i));
+        RETURN_IF_ERROR(database_->Run("INSERT INTO frames (job, idx, time_ns, stem, interval) VALUES (?, ?, ?, ?, ?)",
+                                       {row.job, frame.index, frame.time_ns, frame.stem, interval.index}));
+      }
+    }
+    RETURN_IF_ERROR(database_->Run("UPDATE jobs SET intervals_total = ?, frames_total = ? WHERE number = ?",
+                                   {plan.intervals.size(), plan.frames.size(), row.job}));
+    RETURN_IF_ERROR(RemoveTask(task));
+    return SettleJob(row.job);
+  });
+}
+
+absl::StatusOr<JobRecord> SqliteStore::FinishInterval(int64_t task, int interval, double seconds) {
+  return Transact([&]() -> absl::StatusOr<JobRecord> {
+    ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
+    if (interval < row.first_interval || interval >= row.first_interval + row.interval_count) {
+      return absl::InternalError(absl::StrFormat("task %d reported interval %d, it was given %d to %d", task, interval,
+                                                 row.first_interval, row.first_interval + row.interval_count - 1));
+    }
+    RETURN_IF_ERROR(
+        database_->Run("UPDATE intervals SET done = 1, task = NULL, seconds = ? WHERE job = ? AND idx = ? AND done = 0",
+                       {seconds, row.job, interval}));
+    if (database_->ChangedRows() > 0) {
+      RETURN_IF_ERROR(database_->Run(
+          "UPDATE jobs SET intervals_done = intervals_done + 1, interval_seconds = interval_seconds + ?1, "
+          "frames_done = frames_done + (SELECT frame_count FROM intervals WHERE job = ?2 AND idx = ?3) WHERE number = "
+          "?2",
+          {seconds, row.job, interval}));
+    }
+    return ReadJob(row.job);
+  });
+}
+
+absl::Status SqliteStore::CompleteTask(int64_t task) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
+    RETURN_IF_ERROR(RemoveTask(task));
+    if (row.kind == TaskKind::kAssemble) {
+      ASSIGN_OR_RETURN(const JobRecord job, ReadJob(row.job));
+      if (job.state == JobState::kRunning) return EndJob(row.job, JobState::kSucceeded, absl::OkStatus());
+    }
+    return SettleJob(row.job);
+  });
+}
+
+absl::Status SqliteStore::SettleJob(int64_t job) {
+  ASSIGN_OR_RETURN(const std::optional<int64_t> tasks,
+                   database_->Number("SELECT count(*) FROM tasks WHERE job = ?", {job}));
+  if (*tasks > 0) return absl::OkStatus();
+  ASSIGN_OR_RETURN(const JobRecord record, ReadJob(job));
+  if (record.state == JobState::kCancelling) return EndJob(job, JobState::kCancelled, absl::OkStatus());
+  if (record.state == JobState::kRunning && record.intervals_total > 0 &&
+      record.intervals_done == record.intervals_total) {
+    return AddTask(TaskKind::kAssemble, job, /*failures=*/0);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status SqliteStore::Release(const TaskRow& task) {
+  RETURN_IF_ERROR(RemoveTask(task.number));
+  if (task.kind == TaskKind::kValidate) return AddTask(task.kind, task.sequence, task.failures);
+  ASSIGN_OR_RETURN(const JobRecord job, ReadJob(task.job));
+  // Intervals are cut anew when they are claimed, so they need no task to wait in.
+  if (job.state == JobState::kRunning && task.kind != TaskKind::kIntervals) {
+    RETURN_IF_ERROR(AddTask(task.kind, task.job, task.failures));
+  }
+  return SettleJob(task.job);
+}
+
+absl::Status SqliteStore::Fail(const TaskRow& task, const absl::Status& error, bool retry) {
+  if (task.kind != TaskKind::kValidate) {
+    ASSIGN_OR_RETURN(const JobRecord job, ReadJob(task.job));
+    if (job.state == JobState::kCancelling) return Release(task);
+  }
+  int failures = task.failures + 1;
+  if (task.kind == TaskKind::kIntervals) {
+    // The first interval left undone is the one to blame; the others were never begun.
+    failures = 1;
+    ASSIGN_OR_RETURN(const std::optional<int64_t> blamed,
+                     database_->Number("SELECT min(idx) FROM intervals WHERE task = ?", {task.number}));
+    if (blamed) {
+      RETURN_IF_ERROR(database_->Run("UPDATE intervals SET failures = failures + 1 WHERE job = ? AND idx = ?",
+                                     {task.job, *blamed}));
+      ASSIGN_OR_RETURN(
+          const std::optional<int64_t> counted,
+          database_->Number("SELECT failures FROM intervals WHERE job = ? AND idx = ?", {task.job, *blamed}));
+      failures = static_cast<int>(*counted);
+    }
+  }
+  RETURN_IF_ERROR(RemoveTask(task.number));
+  if (retry && failures < kMaxAttempts) {
+    if (task.kind == TaskKind::kIntervals) return SettleJob(task.job);
+    return AddTask(task.kind, task.kind == TaskKind::kValidate ? task.sequence : task.job, failures);
+  }
+  if (task.kind == TaskKind::kValidate) {
+    RETURN_IF_ERROR(database_->Run("UPDATE sequences SET validation = ? WHERE number = ?",
+                                   {ToJson(ValidationResult{.error = error}), task.sequence}));
+    return TouchSequence(task.sequence, SequenceState::kInvalid);
+  }
+  RETURN_IF_ERROR(database_->Run(
+      "UPDATE intervals SET task = NULL WHERE task IN (SELECT number FROM tasks WHERE job = ?)", {task.job}));
+  RETURN_IF_ERROR(database_->Run("DELETE FROM tasks WHERE job = ?", {task.job}));
+  return EndJob(task.job, JobState::kFailed, error);
+}
+
+absl::Status SqliteStore::FailTask(int64_t task, const absl::Status& error, bool retry) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
+    return Fail(row, error, retry);
+  });
+}
+
+absl::Status SqliteStore::ReleaseTask(int64_t task) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
+    return Release(row);
+  });
+}
+
+absl::Status SqliteStore::ReleaseAllTasks() {
+  return Transact([&]() -> absl::Status {
+    std::vector<int64_t> running;
+    RETURN_IF_ERROR(database_->Run("SELECT number FROM tasks WHERE running = 1", {},
+                                   [&running](const SqlRow& row) { running.push_back(row.Int64(0)); }));
+    for (const int64_t number : running) {
+      ASSIGN_OR_RETURN(const TaskRow row, RunningTask(number));
+      RETURN_IF_ERROR(Release(row));
+    }
+    return absl::OkStatus();
+  });
+}
+
+}  // namespace depthtween::server
