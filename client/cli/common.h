@@ -1,0 +1,54 @@
+// What the subcommands share: the options every one has, names, failures, JSON.
+#ifndef DEPTHTWEEN_CLIENT_CLI_COMMON_H_
+#define DEPTHTWEEN_CLIENT_CLI_COMMON_H_
+
+#include <google/protobuf/message.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+#include "client/lib/connection.h"
+
+namespace depthtween::cli {
+
+struct CommonOptions {
+  std::string server = "127.0.0.1:50051";
+  double patience_s = 60.0;
+  bool json = false;
+};
+
+// Adds --server, --patience and --json to a subcommand. `options` must outlive the parsing.
+void AddCommonOptions(CLI::App& command, CommonOptions& options);
+
+absl::StatusOr<std::unique_ptr<client::Connection>> Connect(const CommonOptions& options);
+
+// "jobs/7" of "jobs/7" or "7". InvalidArgument if it names something else.
+absl::StatusOr<std::string> JobName(const std::string& argument);
+
+// Prints a failure to stderr, for a person to read. Returns the exit code that `status` means.
+int Report(const absl::Status& status);
+
+// The exit code of a job that has ended. Prints why when that is not success.
+int ReportOutcome(const v1::Job& job);
+
+// A resource in the JSON mapping of protobuf, every field there: what the HTTP interface would answer.
+nlohmann::json ToJson(const google::protobuf::Message& message);
+
+// One line on stdout, flushed: a script reading a pipe sees it at once.
+void PrintJson(const nlohmann::json& json);
+
+// "STATE_RUNNING" -> "RUNNING".
+std::string StateName(v1::Job::State state);
+std::string StateName(v1::Sequence::State state);
+
+// "17 B", "1.4 MB": powers of 1000.
+std::string FormatBytes(int64_t bytes);
+// "0:07", "1:02:03".
+std::string FormatDuration(double seconds);
+
+}  // namespace depthtween::cli
+
+#endif  // DEPTHTWEEN_CLIENT_CLI_COMMON_H_

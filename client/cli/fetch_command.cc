@@ -1,0 +1,66 @@
+#include <iostream>
+#include <memory>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands.h"
+#include "client/cli/common.h"
+#include "client/cli/exit_codes.h"
+#include "client/cli/job_progress.h"
+#include "client/lib/fetch.h"
+#include "client/lib/jobs.h"
+
+namespace depthtween::cli {
+namespace {
+
+struct FetchOptions {
+  CommonOptions common;
+  std::string job;
+  std::string output;
+  bool follow = false;
+  bool force = false;
+};
+
+absl::StatusOr<v1::Job> GetJob(client::Connection& connection, const std::string& name) {
+  v1::GetJobRequest request;
+  request.set_name(name);
+  return connection.Call(connection.jobs(), &v1::JobService::StubInterface::GetJob, request);
+}
+
+int Fetch(const FetchOptions& options) {
+  const absl::StatusOr<std::string> name = JobName(options.job);
+  if (!name.ok()) return Report(name.status());
+  const auto connection = Connect(options.common);
+  if (!connection.ok()) return Report(connection.status());
+  const absl::StatusOr<client::FetchSummary> fetched =
+      FetchWithProgressLine(**connection, *name, options.output, {.follow = options.follow, .replace = options.force});
+  // Aborted: the job that was followed ended without success; the job itself says how.
+  if (!fetched.ok() && !absl::IsAborted(fetched.status())) return Report(fetched.status());
+  const absl::StatusOr<v1::Job> job = GetJob(**connection, *name);
+  if (!job.ok()) return Report(job.status());
+  if (options.common.json) {
+    nlohmann::json json = {{"job", ToJson(*job)}, {"directory", options.output}};
+    json["complete"] = fetched.ok() && fetched->complete;
+    PrintJson(json);
+  }
+  if (fetched.ok() && fetched->complete) return kExitOk;
+  if (client::HasEnded(job->state()) && job->state() != v1::Job::STATE_SUCCEEDED) return ReportOutcome(*job);
+  std::cerr << "depthtween: " << *name << " has not ended (" << DescribeProgress(*job)
+            << "); run the command again for the rest, or with --follow to wait for it" << std::endl;
+  return kExitNotFinished;
+}
+
+}  // namespace
+
+void AddFetchCommand(CLI::App& app, int* exit_code) {
+  const auto options = std::make_shared<FetchOptions>();
+  CLI::App* command =
+      app.add_subcommand("fetch", "Bring the result of a job home. The same command again goes on where it stopped");
+  command->add_option("job", options->job, "jobs/ID, as submit and list print it")->type_name("JOB")->required();
+  command->add_option("-o,--out", options->output, "Folder for the result")->required()->type_name("OUT");
+  command->add_flag("--follow", options->follow, "Fetch frames as a running job makes them, until it ends");
+  command->add_flag("--force", options->force, "Replace an earlier result in OUT");
+  AddCommonOptions(*command, options->common);
+  command->callback([options, exit_code] { *exit_code = Fetch(*options); });
+}
+
+}  // namespace depthtween::cli

@@ -1,0 +1,25 @@
+// A job's progress in words: only what has been measured.
+#ifndef DEPTHTWEEN_CLIENT_CLI_JOB_PROGRESS_H_
+#define DEPTHTWEEN_CLIENT_CLI_JOB_PROGRESS_H_
+
+#include <string>
+
+#include "client/lib/connection.h"
+#include "client/lib/fetch.h"
+
+namespace depthtween::cli {
+
+// "frame 17 of 66, interval 2 of 8, flow, 0:04 left", "queued, 2 jobs ahead", "succeeded, 66 frames".
+std::string DescribeProgress(const v1::Job& job);
+
+// Follows a job with a progress line on stderr until it has ended.
+absl::StatusOr<v1::Job> WatchWithProgressLine(client::Connection& connection, const std::string& name);
+
+// Fetches a result with a progress line on stderr.
+absl::StatusOr<client::FetchSummary> FetchWithProgressLine(client::Connection& connection, const std::string& job,
+                                                           const std::string& directory,
+                                                           const client::FetchOptions& options);
+
+}  // namespace depthtween::cli
+
+#endif  // DEPTHTWEEN_CLIENT_CLI_JOB_PROGRESS_H_

@@ -1,0 +1,41 @@
+// Tells a person at a terminal how something gets on: one line that redraws itself, or now and then a plain line where
+// stderr is not a terminal.
+#ifndef DEPTHTWEEN_CLIENT_CLI_PROGRESS_LINE_H_
+#define DEPTHTWEEN_CLIENT_CLI_PROGRESS_LINE_H_
+
+#include <chrono>
+#include <string>
+
+namespace depthtween::cli {
+
+// "[=====>    ]  50 %  upload  1.2 MB of 2.4 MB", cut to `columns` characters.
+std::string FormatProgressLine(const std::string& what, double fraction, const std::string& facts, int columns);
+
+class ProgressLine {
+ public:
+  // `what` is being done: "upload".
+  explicit ProgressLine(std::string what);
+  // Shows the last state if it was held back, and leaves the cursor at the start of an empty line.
+  ~ProgressLine();
+  ProgressLine(const ProgressLine&) = delete;
+  ProgressLine& operator=(const ProgressLine&) = delete;
+
+  // `fraction` from 0 to 1. May be called as often as one likes: it draws only as often as an eye can follow.
+  void Show(double fraction, const std::string& facts);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void Draw();
+
+  const std::string what_;
+  const bool terminal_;
+  double fraction_ = 0.0;
+  std::string facts_;
+  bool shown_ = true;  // the last state is on the screen
+  bool drawn_ = false;
+  Clock::time_point last_drawn_{};
+};
+
+}  // namespace depthtween::cli
+
+#endif  // DEPTHTWEEN_CLIENT_CLI_PROGRESS_LINE_H_

@@ -1,0 +1,27 @@
+// How long to go on trying while a server is away, and how long to pause between tries.
+#ifndef DEPTHTWEEN_CLIENT_LIB_BACKOFF_H_
+#define DEPTHTWEEN_CLIENT_LIB_BACKOFF_H_
+
+#include <chrono>
+
+namespace depthtween::client {
+
+// Grammar of use:  (Wait | Reset)*  - Wait after every failed try, Reset whenever something has got through.
+class Backoff {
+ public:
+  explicit Backoff(std::chrono::milliseconds patience) : patience_(patience) {}
+
+  // Pauses, twice as long as the time before, from 0.1 s to 3 s. False, at once, when `patience` has passed since the
+  // first failure after something got through.
+  bool Wait();
+  void Reset();
+
+ private:
+  const std::chrono::milliseconds patience_;
+  std::chrono::steady_clock::time_point first_failure_{};  // meaningless while tries_ is 0
+  int tries_ = 0;
+};
+
+}  // namespace depthtween::client
+
+#endif  // DEPTHTWEEN_CLIENT_LIB_BACKOFF_H_

@@ -1,0 +1,81 @@
+#include "client/lib/connection.h"
+
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace depthtween::client {
+namespace {
+
+constexpr char kDefaultPort[] = "50051";
+constexpr std::chrono::seconds kFirstContact{5};
+
+// "host" -> "host:50051"; "host:port", "[v6]:port" and "unix:path" stay.
+std::string WithPort(const std::string& address) {
+  const size_t colon = address.find_last_of(':');
+  const size_t bracket = address.find_last_of(']');
+  const bool has_port = colon != std::string::npos && (bracket == std::string::npos || colon > bracket);
+  return has_port ? address : absl::StrCat(address, ":", kDefaultPort);
+}
+
+ConnectionOptions Normalised(ConnectionOptions options) {
+  options.address = WithPort(options.address);
+  return options;
+}
+
+std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address) {
+  grpc::ChannelArguments arguments;
+  // A peer that vanished without a word (cable, suspended machine) is noticed on a stream after this much silence. The
+  // server's heartbeats keep healthy streams below it.
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
+  // Our own back-off paces the tries; the channel's would make them wait up to two minutes for a server long back.
+  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
+  // http_proxy is meant for the web; obeying it would send even loopback calls there.
+  arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
+  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+}
+
+}  // namespace
+
+Connection::Connection(ConnectionOptions options)
+    : options_(Normalised(std::move(options))),
+      channel_(MakeChannel(options_.address)),
+      admin_(v1::AdminService::NewStub(channel_)),
+      sequences_(v1::SequenceService::NewStub(channel_)),
+      jobs_(v1::JobService::NewStub(channel_)),
+      outputs_(v1::OutputService::NewStub(channel_)) {}
+
+absl::StatusOr<std::unique_ptr<Connection>> Connection::Open(const ConnectionOptions& options) {
+  std::unique_ptr<Connection> connection(new Connection(options));
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() +
+                       std::min<std::chrono::milliseconds>(kFirstContact, options.call_timeout));
+  const grpc::Status status = connection->admin_->GetServerInfo(&context, {}, &connection->server_);
+  // An address that swallows packets runs into the deadline where another refuses.
+  if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED) {
+    return connection->Answer(grpc::Status(grpc::StatusCode::UNAVAILABLE, "no answer within 5 s"));
+  }
+  if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
+    return absl::UnimplementedError(absl::StrFormat("what answers at %s is not a Depthtween server: check the address",
+                                                    connection->options_.address));
+  }
+  if (!status.ok()) return connection->Answer(status);
+  return connection;
+}
+
+absl::Status Connection::Answer(const grpc::Status& status) const {
+  if (status.error_code() != grpc::StatusCode::UNAVAILABLE) return FromRpc(status);
+  return absl::UnavailableError(
+      absl::StrFormat("no server answers at %s (%s). Start one with 'depthtween-server serve --data-dir DIR --listen "
+                      "%s', or name another "
+                      "with --server ADDRESS or the environment variable DEPTHTWEEN_SERVER",
+                      options_.address, status.error_message(), options_.address));
+}
+
+}  // namespace depthtween::client

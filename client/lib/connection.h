@@ -1,0 +1,78 @@
+// One server, and calls to it that survive its absence: a restart or a cut line costs time, not work.
+//
+// Threads: safe to use concurrently.
+#ifndef DEPTHTWEEN_CLIENT_LIB_CONNECTION_H_
+#define DEPTHTWEEN_CLIENT_LIB_CONNECTION_H_
+
+#include <grpcpp/channel.h>
+#include <grpcpp/client_context.h>
+
+#include <chrono>
+#include <memory>
+#include <string>
+
+#include "client/lib/backoff.h"
+#include "client/lib/status.h"
+#include "depthtween/v1/admin.grpc.pb.h"
+#include "depthtween/v1/job.grpc.pb.h"
+#include "depthtween/v1/output.grpc.pb.h"
+#include "depthtween/v1/sequence.grpc.pb.h"
+
+namespace depthtween::client {
+
+struct ConnectionOptions {
+  // host:port; without a port 50051.
+  std::string address = "127.0.0.1:50051";
+  // The longest that a call may take which only asks or orders.
+  std::chrono::milliseconds call_timeout{20'000};
+  // How long to go on trying when a server that has answered is away.
+  std::chrono::milliseconds patience{60'000};
+};
+
+class Connection {
+ public:
+  // Asks the server about itself. Unavailable, without a second try, says which address does not answer and how to
+  // start a server; Unimplemented that something else answers there.
+  static absl::StatusOr<std::unique_ptr<Connection>> Open(const ConnectionOptions& options);
+
+  const ConnectionOptions& options() const { return options_; }
+  const v1::ServerInfo& server() const { return server_; }
+
+  v1::SequenceService::StubInterface& sequences() { return *sequences_; }
+  v1::JobService::StubInterface& jobs() { return *jobs_; }
+  v1::OutputService::StubInterface& outputs() { return *outputs_; }
+
+  // One call, tried again while the server is away:
+  //   connection.Call(connection.jobs(), &v1::JobService::StubInterface::GetJob, request)
+  template <typename Stub, typename Request, typename Response>
+  absl::StatusOr<Response> Call(Stub& stub,
+                                grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+                                const Request& request) {
+    for (Backoff backoff(options_.patience);;) {
+      grpc::ClientContext context;
+      context.set_deadline(std::chrono::system_clock::now() + options_.call_timeout);
+      Response response;
+      const absl::Status status = Answer((stub.*method)(&context, request, &response));
+      if (status.ok()) return response;
+      if (!IsTransient(status) || !backoff.Wait()) return status;
+    }
+  }
+
+  // The status of a call to this server; Unavailable names the address and what to do.
+  absl::Status Answer(const grpc::Status& status) const;
+
+ private:
+  explicit Connection(ConnectionOptions options);
+
+  const ConnectionOptions options_;
+  const std::shared_ptr<grpc::Channel> channel_;
+  const std::unique_ptr<v1::AdminService::Stub> admin_;
+  const std::unique_ptr<v1::SequenceService::Stub> sequences_;
+  const std::unique_ptr<v1::JobService::Stub> jobs_;
+  const std::unique_ptr<v1::OutputService::Stub> outputs_;
+  v1::ServerInfo server_;
+};
+
+}  // namespace depthtween::client
+
+#endif  // DEPTHTWEEN_CLIENT_LIB_CONNECTION_H_

@@ -1,0 +1,291 @@
+#include "client/lib/fetch.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/lib/backoff.h"
+#include "client/lib/files.h"
+#include "proto/depthtween/crc32c.h"
+
+namespace depthtween::client {
+namespace {
+
+namespace fs = std::filesystem;
+
+using Outputs = v1::OutputService::StubInterface;
+
+constexpr int kDamagedTries = 3;  // in a row; a line that damages this often does not mend by itself
+constexpr int64_t kMostFrameBytes = int64_t{1} << 30;
+
+// Says whether a stream that ended with an error is worth another: the server is away, or bytes were damaged on the
+// way.
+class Persistence {
+ public:
+  explicit Persistence(const Connection& connection) : backoff_(connection.options().patience) {}
+
+  void Progressed() {
+    damaged_ = 0;
+    backoff_.Reset();
+  }
+  bool TryAgain(const absl::Status& status) {
+    if (absl::IsDataLoss(status)) return ++damaged_ < kDamagedTries && backoff_.Wait();
+    return IsTransient(status) && backoff_.Wait();
+  }
+
+ private:
+  Backoff backoff_;
+  int damaged_ = 0;
+};
+
+absl::Status CheckChecksum(std::string_view data, uint32_t expected, std::string_view what, int64_t offset) {
+  if (Crc32c(data) == expected) return absl::OkStatus();
+  return absl::DataLossError(absl::StrFormat("%s arrived damaged: bytes from %d on do not match their crc32c",
+                                             absl::string_view(what.data(), what.size()), offset));
+}
+
+// Puts the chunks of one frame after another together.
+class FrameAssembler {
+ public:
+  explicit FrameAssembler(std::string output) : output_(std::move(output)) {}
+
+  // True when `chunk` was the last of its frame: frame() is whole and checked.
+  absl::StatusOr<bool> Add(const v1::FrameChunk& chunk) {
+    if (chunk.has_header()) frame_ = {.index = chunk.frame(), .header = chunk.header()};
+    const std::string what = absl::StrCat("frame ", chunk.frame(), " of ", output_);
+    const int64_t size = frame_.header.size_bytes();
+    if (chunk.frame() != frame_.index || chunk.offset() != static_cast<int64_t>(frame_.bytes.size()) ||
+        size > kMostFrameBytes || chunk.offset() + static_cast<int64_t>(chunk.data().size()) > size) {
+      return absl::DataLossError(
+          absl::StrFormat("%s arrived with a chunk out of place, at byte %d of %d", what, chunk.offset(), size));
+    }
+    RETURN_IF_ERROR(CheckChecksum(chunk.data(), chunk.crc32c(), what, chunk.offset()));
+    frame_.bytes += chunk.data();
+    if (!chunk.has_next_frame()) return false;
+    if (static_cast<int64_t>(frame_.bytes.size()) != size) {
+      return absl::DataLossError(absl::StrFormat("%s ended after %d of %d bytes", what, frame_.bytes.size(), size));
+    }
+    RETURN_IF_ERROR(CheckChecksum(frame_.bytes, frame_.header.crc32c(), what, 0));
+    frame_.next_frame = chunk.next_frame();
+    return true;
+  }
+  const Frame& frame() const { return frame_; }
+
+ private:
+  const std::string output_;
+  Frame frame_;
+};
+
+std::string FetchStatePath(const std::string& directory) { return directory + "/.fetch.json"; }
+
+// What a result folder remembers of an unfinished fetch.
+class FetchState {
+ public:
+  // FailedPrecondition if the folder's fetch is of another job.
+  static absl::StatusOr<FetchState> Open(const std::string& directory, const std::string& job) {
+    FetchState state(FetchStatePath(directory), job);
+    const absl::StatusOr<std::string> text = ReadFile(state.path_);
+    if (absl::IsNotFound(text.status())) return state;
+    RETURN_IF_ERROR(text.status());
+    const nlohmann::json stored = nlohmann::json::parse(*text, nullptr, /*allow_exceptions=*/false);
+    if (!stored.is_object() || !stored.contains("job") || stored["job"] != job) {
+      return absl::FailedPreconditionError(absl::StrFormat(
+          "%s holds an unfinished fetch of %s; fetch %s into another folder, or use --force to replace it", directory,
+          stored.is_object() ? stored.value("job", "another job") : "another job", job));
+    }
+    const nlohmann::json next_frame = stored.value("next_frame", nlohmann::json::object());
+    for (const auto& [output, frame] : next_frame.items()) {
+      if (frame.is_number_integer()) state.next_frame_[output] = std::max(0, frame.get<int>());
+    }
+    return state;
+  }
+
+  int next_frame(const std::string& output) const {
+    const auto found = next_frame_.find(output);
+    return found == next_frame_.end() ? 0 : found->second;
+  }
+  absl::Status SetNextFrame(const std::string& output, int frame) {
+    next_frame_[output] = frame;
+    return Save();
+  }
+  absl::Status Save() const {
+    return WriteFile(path_, nlohmann::json{{"job", job_}, {"next_frame", next_frame_}}.dump());
+  }
+  absl::Status Remove() {
+    if (std::remove(path_.c_str()) != 0 && errno != ENOENT) return ErrnoStatus(errno, "removing " + path_);
+    return absl::OkStatus();
+  }
+
+ private:
+  FetchState(std::string path, std::string job) : path_(std::move(path)), job_(std::move(job)) {}
+
+  std::string path_;
+  std::string job_;
+  std::map<std::string, int> next_frame_;
+};
+
+absl::Status RemoveResult(const std::string& directory) {
+  for (const char* part :
+       {".fetch.json", "report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance"}) {
+    const fs::path path = fs::path(directory) / part;
+    std::error_code error;
+    fs::remove_all(path, error);
+    if (error) return ErrnoStatus(error.value(), "removing " + path.string());
+  }
+  return absl::OkStatus();
+}
+
+// "depth" of "jobs/7/outputs/depth".
+std::string LastPart(const std::string& name) { return name.substr(name.find_last_of('/') + 1); }
+
+absl::Status CheckName(const std::string& name) {
+  if (IsPlainFileName(name)) return absl::OkStatus();
+  return absl::DataLossError(absl::StrFormat("the server named a file '%s', which is not a plain file name", name));
+}
+
+absl::StatusOr<v1::ListOutputsResponse> ListOutputs(Connection& connection, const std::string& job) {
+  v1::ListOutputsRequest request;
+  request.set_parent(job);
+  return connection.Call(connection.outputs(), &Outputs::ListOutputs, request);
+}
+
+}  // namespace
+
+absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest request,
+                          const std::function<absl::Status(const Frame&)>& sink) {
+  for (Persistence persistence(connection);;) {
+    grpc::ClientContext context;  // no deadline: a followed job takes as long as it takes
+    const auto stream = connection.outputs().StreamFrames(&context, request);
+    FrameAssembler assembler(request.name());
+    v1::FrameChunk chunk;
+    absl::Status here, sunk;
+    while (here.ok() && sunk.ok() && stream->Read(&chunk)) {
+      const absl::StatusOr<bool> whole = assembler.Add(chunk);
+      here = whole.status();
+      if (!here.ok() || !*whole) continue;
+      sunk = sink(assembler.frame());
+      request.set_start_frame(assembler.frame().next_frame);
+      persistence.Progressed();
+    }
+    if (!here.ok() || !sunk.ok()) context.TryCancel();
+    const absl::Status there = connection.Answer(stream->Finish());
+    if (!sunk.ok()) return sunk;
+    const absl::Status status = here.ok() ? there : here;
+    if (!persistence.TryAgain(status)) return status;
+    if (request.end_frame() > 0 && request.start_frame() >= request.end_frame()) return absl::OkStatus();
+  }
+}
+
+absl::StatusOr<std::string> ReadOutput(Connection& connection, const std::string& name) {
+  std::string bytes;
+  for (Persistence persistence(connection);;) {
+    v1::ReadOutputRequest request;
+    request.set_name(name);
+    request.set_read_offset(static_cast<int64_t>(bytes.size()));
+    grpc::ClientContext context;
+    const auto stream = connection.outputs().ReadOutput(&context, request);
+    v1::ReadOutputResponse part;
+    absl::Status here;
+    while (here.ok() && stream->Read(&part)) {
+      here = CheckChecksum(part.data(), part.crc32c(), name, part.offset());
+      if (here.ok() && part.offset() != static_cast<int64_t>(bytes.size())) {
+        here = absl::DataLossError(absl::StrFormat("%s arrived with bytes out of place, at %d", name, part.offset()));
+      }
+      if (!here.ok()) continue;
+      bytes += part.data();
+      persistence.Progressed();
+    }
+    if (!here.ok()) context.TryCancel();
+    const absl::Status there = connection.Answer(stream->Finish());
+    const absl::Status status = here.ok() ? there : here;
+    if (status.ok()) return bytes;
+    if (!persistence.TryAgain(status)) return status;
+  }
+}
+
+absl::Status CheckFolder(const std::string& directory, bool replace) {
+  std::error_code error;
+  const fs::path root(directory);
+  if (!fs::exists(root, error)) return absl::OkStatus();
+  if (!fs::is_directory(root, error)) return absl::InvalidArgumentError(directory + " is not a folder");
+  // A result lists no colour; a folder that does is somebody's recording.
+  if (fs::exists(root / "rgb.txt", error)) {
+    return absl::InvalidArgumentError(
+        directory + " holds a recording (rgb.txt), which a result must not be mixed with: name another folder");
+  }
+  if (replace || fs::is_empty(root, error) || fs::exists(FetchStatePath(directory), error)) return absl::OkStatus();
+  return absl::AlreadyExistsError(
+      directory + " is not empty: name another folder, or use --force to replace an earlier result in it");
+}
+
+absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::string& job, const std::string& directory,
+                                         const FetchOptions& options,
+                                         const std::function<void(const FetchProgress&)>& on_progress) {
+  // Asked first, so that a wrong name leaves no folder behind.
+  ASSIGN_OR_RETURN(v1::ListOutputsResponse outputs, ListOutputs(connection, job));
+  RETURN_IF_ERROR(CheckFolder(directory, options.replace));
+  if (options.replace) RETURN_IF_ERROR(RemoveResult(directory));
+  RETURN_IF_ERROR(MakeFolder(directory));
+  ASSIGN_OR_RETURN(FetchState state, FetchState::Open(directory, job));
+  RETURN_IF_ERROR(state.Save());
+
+  FetchSummary summary;
+  FetchProgress& progress = summary.progress;
+  for (const v1::Output& output : outputs.outputs()) {
+    if (output.kind() != v1::Output::KIND_FRAMES) continue;
+    progress.frames_total += output.frame_count();
+    progress.frames_done += state.next_frame(LastPart(output.name()));
+  }
+  for (const v1::Output& output : outputs.outputs()) {
+    if (output.kind() != v1::Output::KIND_FRAMES) continue;
+    const std::string folder = LastPart(output.name());
+    RETURN_IF_ERROR(CheckName(folder));
+    RETURN_IF_ERROR(MakeFolder(absl::StrCat(directory, "/", folder)));
+    v1::StreamFramesRequest request;
+    request.set_name(output.name());
+    request.set_start_frame(state.next_frame(folder));
+    request.set_encoding(v1::ENCODING_PNG);
+    request.set_follow(options.follow);
+    RETURN_IF_ERROR(StreamFrames(connection, request, [&](const Frame& frame) -> absl::Status {
+      const std::string name = absl::StrCat(frame.header.stem(), ".png");
+      RETURN_IF_ERROR(CheckName(name));
+      RETURN_IF_ERROR(WriteFile(absl::StrCat(directory, "/", folder, "/", name), frame.bytes));
+      RETURN_IF_ERROR(state.SetNextFrame(folder, frame.next_frame));
+      progress.frames_done += 1;
+      progress.bytes += static_cast<int64_t>(frame.bytes.size());
+      if (on_progress) on_progress(progress);
+      return absl::OkStatus();
+    }));
+  }
+
+  // Asked again: while frames were followed the job has ended and made its files.
+  ASSIGN_OR_RETURN(outputs, ListOutputs(connection, job));
+  summary.complete = outputs.outputs_size() > 0;
+  progress.frames_total = 0;
+  for (const v1::Output& output : outputs.outputs()) {
+    if (output.kind() == v1::Output::KIND_FRAMES) {
+      progress.frames_total += output.frame_count();
+      if (output.frame_count() == 0 || state.next_frame(LastPart(output.name())) < output.frame_count()) {
+        summary.complete = false;
+      }
+      continue;
+    }
+    if (!output.ready()) {
+      summary.complete = false;
+      continue;
+    }
+    RETURN_IF_ERROR(CheckName(output.file_name()));
+    ASSIGN_OR_RETURN(const std::string bytes, ReadOutput(connection, output.name()));
+    RETURN_IF_ERROR(WriteFile(absl::StrCat(directory, "/", output.file_name()), bytes));
+    progress.bytes += static_cast<int64_t>(bytes.size());
+  }
+  if (summary.complete) RETURN_IF_ERROR(state.Remove());
+  return summary;
+}
+
+}  // namespace depthtween::client

@@ -1,0 +1,62 @@
+// Brings results home: single frames as they become ready, or a whole result folder.
+#ifndef DEPTHTWEEN_CLIENT_LIB_FETCH_H_
+#define DEPTHTWEEN_CLIENT_LIB_FETCH_H_
+
+#include <functional>
+#include <string>
+
+#include "client/lib/connection.h"
+
+namespace depthtween::client {
+
+// One whole frame, checked against its checksums, in the encoding that was asked for.
+struct Frame {
+  int index = -1;
+  int next_frame = -1;  // the start_frame that continues after this one
+  v1::FrameHeader header;
+  std::string bytes;
+};
+
+// Streams the frames that `request` asks for into `sink`, in order, each once: a cut line or damaged bytes cost a new
+// stream that goes on after the last whole frame. An error of `sink` ends the stream and is returned.
+// Errors: Aborted when a followed job ended without success; DataLoss when frames arrive damaged again and again.
+absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest request,
+                          const std::function<absl::Status(const Frame&)>& sink);
+
+// The bytes of an output that is one file.
+absl::StatusOr<std::string> ReadOutput(Connection& connection, const std::string& name);
+
+struct FetchProgress {
+  int frames_done = 0;   // files in the folder, over all outputs
+  int frames_total = 0;  // 0 while the server does not know
+  int64_t bytes = 0;     // received by this call
+};
+
+struct FetchSummary {
+  FetchProgress progress;
+  bool complete = false;  // everything a succeeded job has is in the folder
+};
+
+struct FetchOptions {
+  // Wait for frames as a running job makes them, until it ends. Else take what is ready.
+  bool follow = false;
+  // Replace an earlier result in the folder.
+  bool replace = false;
+};
+
+// Whether a result may be fetched into `directory`: it is new, empty, or holds an unfinished fetch, or an earlier
+// result that may be replaced. Errors: AlreadyExists; InvalidArgument if it is no folder, or holds a recording.
+absl::Status CheckFolder(const std::string& directory, bool replace);
+
+// Writes the result of a job into `directory` as `depthtween-core upsample` would: depth/ uncertainty/ provenance/, the
+// files byte for byte as the server stores them, then depth.txt, camera.json and report.json. Where it stopped is kept
+// in `directory` until the result is complete, so that calling this again goes on there. With `replace`, an earlier
+// result is removed first, so that no frame of it survives among the new ones. Errors: those of CheckFolder;
+// FailedPrecondition when `directory` holds an unfinished fetch of another job; Aborted as StreamFrames.
+absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::string& job, const std::string& directory,
+                                         const FetchOptions& options,
+                                         const std::function<void(const FetchProgress&)>& on_progress);
+
+}  // namespace depthtween::client
+
+#endif  // DEPTHTWEEN_CLIENT_LIB_FETCH_H_

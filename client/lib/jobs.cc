@@ -1,0 +1,97 @@
+#include "client/lib/jobs.h"
+
+#include "absl/strings/str_cat.h"
+#include "client/lib/backoff.h"
+#include "client/lib/sha256.h"
+
+namespace depthtween::client {
+namespace {
+
+using Jobs = v1::JobService::StubInterface;
+
+// A job as it is after `event`.
+void Apply(const v1::JobEvent& event, v1::Job& job) {
+  switch (event.event_case()) {
+    case v1::JobEvent::kSnapshot:
+      job = event.snapshot();
+      break;
+    case v1::JobEvent::kStateChange:
+      job.set_state(event.state_change().state());
+      job.set_attempt(event.state_change().attempt());
+      job.clear_error();
+      if (event.state_change().has_error()) *job.mutable_error() = event.state_change().error();
+      *job.mutable_progress() = event.state_change().progress();
+      break;
+    case v1::JobEvent::kProgress:
+      *job.mutable_progress() = event.progress();
+      break;
+    case v1::JobEvent::kFramesReady:
+      *job.mutable_progress() = event.frames_ready().progress();
+      break;
+    case v1::JobEvent::kHeartbeat:
+    case v1::JobEvent::EVENT_NOT_SET:
+      break;
+  }
+}
+
+}  // namespace
+
+bool HasEnded(v1::Job::State state) {
+  return state == v1::Job::STATE_SUCCEEDED || state == v1::Job::STATE_FAILED || state == v1::Job::STATE_CANCELLED;
+}
+
+absl::Status Outcome(const v1::Job& job) {
+  switch (job.state()) {
+    case v1::Job::STATE_SUCCEEDED:
+      return absl::OkStatus();
+    case v1::Job::STATE_FAILED:
+      return FromProto(job.error());
+    case v1::Job::STATE_CANCELLED:
+      return absl::CancelledError(absl::StrCat(job.name(), " was cancelled"));
+    default:
+      return absl::FailedPreconditionError(absl::StrCat(job.name(), " has not ended"));
+  }
+}
+
+absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job) {
+  v1::CreateJobRequest create;
+  *create.mutable_job() = job;
+  Sha256 id;
+  id.Add(absl::StrCat(job.sequence(), "\n", job.display_name(), "\n", job.options().method(), "\n",
+                      job.options().key_every(), "\n", job.options().threads()));
+  create.set_request_id(Hex(id.Finish()));
+  ASSIGN_OR_RETURN(v1::Job made, connection.Call(connection.jobs(), &Jobs::CreateJob, create));
+  if (made.state() != v1::Job::STATE_FAILED && made.state() != v1::Job::STATE_CANCELLED) return made;
+  v1::RetryJobRequest retry;
+  retry.set_name(made.name());
+  return connection.Call(connection.jobs(), &Jobs::RetryJob, retry);
+}
+
+absl::StatusOr<v1::Job> WatchJob(Connection& connection, const std::string& name,
+                                 const std::function<void(const v1::JobEvent&, const v1::Job&)>& on_event) {
+  v1::Job job;
+  v1::WatchJobRequest request;
+  request.set_name(name);
+  for (Backoff backoff(connection.options().patience); !HasEnded(job.state());) {
+    grpc::ClientContext context;  // no deadline: heartbeats tell whether the server lives
+    const auto stream = connection.jobs().WatchJob(&context, request);
+    v1::JobEvent event;
+    while (stream->Read(&event)) {
+      backoff.Reset();
+      Apply(event, job);
+      request.set_resume_token(event.resume_token());
+      if (on_event) on_event(event, job);
+    }
+    const absl::Status status = connection.Answer(stream->Finish());
+    if (!status.ok() && !IsTransient(status)) return status;
+    if (!HasEnded(job.state()) && !backoff.Wait()) {
+      return status.ok() ? absl::UnavailableError("the server ended the watch before the job ended") : status;
+    }
+  }
+  // Events carry no times; the job itself has its end_time.
+  v1::GetJobRequest get;
+  get.set_name(name);
+  return connection.Call(connection.jobs(), &Jobs::GetJob, get);
+}
+
+}  // namespace depthtween::client

@@ -1,0 +1,64 @@
+#include "client/lib/status.h"
+
+#include <cerrno>
+#include <string>
+#include <system_error>
+
+#include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
+#include "google/rpc/error_details.pb.h"
+
+namespace depthtween::client {
+namespace {
+
+constexpr char kReasonPayload[] = "depthtween/reason";  // ErrorInfo.reason, on the absl::Status
+
+// Adds "; field: description" for every violation that `message` does not already speak of.
+void AppendFieldViolations(const google::rpc::Status& details, std::string& message) {
+  for (const google::protobuf::Any& detail : details.details()) {
+    google::rpc::BadRequest bad_request;
+    if (!detail.UnpackTo(&bad_request)) continue;
+    for (const auto& violation : bad_request.field_violations()) {
+      if (message.find(violation.description()) != std::string::npos) continue;
+      absl::StrAppend(&message, "; ", violation.field(), ": ", violation.description());
+    }
+  }
+}
+
+}  // namespace
+
+absl::Status FromRpc(const grpc::Status& status) {
+  if (status.ok()) return absl::OkStatus();
+  std::string message = status.error_message();
+  google::rpc::Status details;
+  if (details.ParseFromString(status.error_details())) AppendFieldViolations(details, message);
+  absl::Status result(static_cast<absl::StatusCode>(status.error_code()), message);
+  for (const google::protobuf::Any& detail : details.details()) {
+    google::rpc::ErrorInfo info;
+    if (detail.UnpackTo(&info)) result.SetPayload(kReasonPayload, absl::Cord(info.reason()));
+  }
+  return result;
+}
+
+bool IsTransient(const absl::Status& status) {
+  return absl::IsUnavailable(status) || status.GetPayload(kReasonPayload) == absl::Cord("SERVER_BUSY");
+}
+
+absl::Status FromProto(const google::rpc::Status& status) {
+  return absl::Status(static_cast<absl::StatusCode>(status.code()), status.message());
+}
+
+absl::Status ErrnoStatus(int error_number, std::string_view what) {
+  absl::StatusCode code = absl::StatusCode::kInternal;
+  if (error_number == ENOENT || error_number == ENOTDIR) code = absl::StatusCode::kNotFound;
+  if (error_number == ENOSPC || error_number == EDQUOT || error_number == EFBIG) {
+    code = absl::StatusCode::kResourceExhausted;
+  }
+  if (error_number == EACCES || error_number == EPERM || error_number == EROFS) {
+    code = absl::StatusCode::kPermissionDenied;
+  }
+  return absl::Status(code, absl::StrCat(absl::string_view(what.data(), what.size()), ": ",
+                                         std::generic_category().message(error_number)));
+}
+
+}  // namespace depthtween::client

@@ -1,0 +1,46 @@
+// Errors of the client as absl::Status: what the server answered, put into words, and what failed on this machine.
+//
+// Codes keep the server's meaning (see the protos); Unavailable always means that the server cannot be reached.
+#ifndef DEPTHTWEEN_CLIENT_LIB_STATUS_H_
+#define DEPTHTWEEN_CLIENT_LIB_STATUS_H_
+
+#include <grpcpp/support/status.h>
+
+#include <string_view>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "google/rpc/status.pb.h"
+
+#define RETURN_IF_ERROR(expression)                                         \
+  do {                                                                      \
+    if (absl::Status status_ = (expression); !status_.ok()) return status_; \
+  } while (false)
+
+#define DEPTHTWEEN_CONCAT_INNER(a, b) a##b
+#define DEPTHTWEEN_CONCAT(a, b) DEPTHTWEEN_CONCAT_INNER(a, b)
+#define ASSIGN_OR_RETURN(declaration, expression) \
+  ASSIGN_OR_RETURN_IMPL(DEPTHTWEEN_CONCAT(status_or_, __LINE__), declaration, expression)
+#define ASSIGN_OR_RETURN_IMPL(temporary, declaration, expression) \
+  auto temporary = (expression);                                  \
+  if (!temporary.ok()) return std::move(temporary).status();      \
+  declaration = *std::move(temporary)
+
+namespace depthtween::client {
+
+// The status of a call. Field violations that the server sent as details and did not put into its message are appended.
+absl::Status FromRpc(const grpc::Status& status);
+
+// Whether the same call may succeed a little later: the server is away, stopping, or has too much to do right now.
+bool IsTransient(const absl::Status& status);
+
+// The status inside a message: of a violation, of a failed job.
+absl::Status FromProto(const google::rpc::Status& status);
+
+// The status of a failed system call. `what` says what was being done to which file.
+absl::Status ErrnoStatus(int error_number, std::string_view what);
+
+}  // namespace depthtween::client
+
+#endif  // DEPTHTWEEN_CLIENT_LIB_STATUS_H_
