@@ -15,7 +15,7 @@ namespace {
 std::shared_ptr<const Shape> Flag(double t, double phase) {
   constexpr int kColumns = 60, kRows = 40;
   constexpr double kSpacing = 0.02;
-  const double swing = -0.60 + 0.50 * std::sin(7.0 * t + phase);
+  const double swing = -0.30 + 0.45 * std::sin(7.0 * t - 0.6);
   std::vector<Vec3> nodes((kColumns + 1) * (kRows + 1));
   for (int j = 0; j <= kRows; ++j) {
     const double v = j * kSpacing;
