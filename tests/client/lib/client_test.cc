@@ -1,0 +1,230 @@
+// The client against a server that fails as networks do: whatever is cut or damaged on the way, what arrives is whole.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "client/lib/fetch.h"
+#include "client/lib/jobs.h"
+#include "client/lib/upload.h"
+#include "tests/client/lib/fake_server.h"
+#include "tests/client/lib/temp_folder.h"
+
+namespace depthtween::client {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+class ClientTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    auto connection = Connection::Open({.address = server_.address(), .patience = std::chrono::seconds(10)});
+    ASSERT_TRUE(connection.ok()) << connection.status();
+    connection_ = *std::move(connection);
+  }
+
+  // Six files, the largest of which spans several chunks of 100 bytes.
+  LocalSequence WriteRecording() {
+    folder_.Write("rgb.txt", "0 rgb/0.png\n1 rgb/1.png\n");
+    folder_.Write("depth.txt", "0 depth/0.png\n");
+    folder_.Write("camera.json", "{}");
+    folder_.Write("rgb/0.png", std::string(250, 'r'));
+    folder_.Write("rgb/1.png", "");
+    folder_.Write("depth/0.png", std::string(333, 'd'));
+    auto sequence = FindSequence(folder_.path());
+    EXPECT_TRUE(HashFiles(*sequence, nullptr).ok());
+    return *sequence;
+  }
+  void ExpectArrived(const LocalSequence& sequence) {
+    const auto files = server_.sequences.Files();
+    EXPECT_EQ(files.size(), sequence.files.size());
+    for (const LocalFile& file : sequence.files) EXPECT_EQ(files.at(file.path), folder_.Read(file.path)) << file.path;
+  }
+
+  FakeServer server_;
+  TempFolder folder_;
+  std::unique_ptr<Connection> connection_;
+};
+
+// Port 1 of loopback is refused on any machine of ours.
+TEST(Connection, SaysWhichServerDoesNotAnswerAndHowToStartOne) {
+  const auto connection = Connection::Open({.address = "127.0.0.1:1"});
+  EXPECT_TRUE(absl::IsUnavailable(connection.status()));
+  EXPECT_THAT(std::string(connection.status().message()), HasSubstr("127.0.0.1:1"));
+  EXPECT_THAT(std::string(connection.status().message()), HasSubstr("depthtween-server serve"));
+}
+
+TEST_F(ClientTest, UploadsEveryByte) {
+  const LocalSequence sequence = WriteRecording();
+  UploadProgress last;
+  const auto remote = UploadSequence(*connection_, sequence, [&](const UploadProgress& now) { last = now; });
+  ASSERT_TRUE(remote.ok()) << remote.status();
+  ExpectArrived(sequence);
+  EXPECT_EQ(last.bytes_done, sequence.size_bytes);
+  EXPECT_EQ(last.bytes_found, 0);
+  const auto ready = AwaitValidation(*connection_, remote->name(), nullptr);
+  ASSERT_TRUE(ready.ok());
+  EXPECT_EQ(ready->state(), v1::Sequence::STATE_READY);
+}
+
+// The fault is injected at every message in turn, so no place where a line can be cut is left out.
+TEST_F(ClientTest, UploadSurvivesACutAtAnyMessage) {
+  const LocalSequence sequence = WriteRecording();
+  for (int message = 1; message <= 7; ++message) {
+    FakeServer server;
+    server.sequences.away_at_message = message;
+    const auto connection = Connection::Open({.address = server.address()});
+    ASSERT_TRUE(connection.ok());
+    const auto remote = UploadSequence(**connection, sequence, nullptr);
+    ASSERT_TRUE(remote.ok()) << remote.status();
+    const auto files = server.sequences.Files();
+    for (const LocalFile& file : sequence.files) EXPECT_EQ(files.at(file.path), folder_.Read(file.path)) << message;
+  }
+}
+
+TEST_F(ClientTest, UploadSendsDamagedBytesAgain) {
+  const LocalSequence sequence = WriteRecording();
+  server_.sequences.damage_at_message = 3;
+  ASSERT_TRUE(UploadSequence(*connection_, sequence, nullptr).ok());
+  ExpectArrived(sequence);
+}
+
+// The fake counts messages: the second call may send none.
+TEST_F(ClientTest, UploadingAgainSendsNothing) {
+  const LocalSequence sequence = WriteRecording();
+  ASSERT_TRUE(UploadSequence(*connection_, sequence, nullptr).ok());
+  const int messages = server_.sequences.messages;
+  UploadProgress last;
+  ASSERT_TRUE(UploadSequence(*connection_, sequence, [&](const UploadProgress& now) { last = now; }).ok());
+  EXPECT_EQ(server_.sequences.messages, messages);
+  EXPECT_EQ(last.bytes_found, sequence.size_bytes);
+  EXPECT_THAT(server_.sequences.request_ids, ElementsAre(sequence.fingerprint, sequence.fingerprint));
+}
+
+TEST_F(ClientTest, SubmittingAgainIsTheSameRequestAndAnotherMethodAnother) {
+  v1::Job job;
+  job.set_sequence("sequences/1");
+  ASSERT_TRUE(SubmitJob(*connection_, job).ok());
+  ASSERT_TRUE(SubmitJob(*connection_, job).ok());
+  job.mutable_options()->set_method(v1::UpsampleOptions::METHOD_HOLD);
+  ASSERT_TRUE(SubmitJob(*connection_, job).ok());
+  const auto& ids = server_.jobs.request_ids;
+  ASSERT_EQ(ids.size(), 3U);
+  EXPECT_EQ(ids[0], ids[1]);
+  EXPECT_NE(ids[0], ids[2]);
+  EXPECT_EQ(server_.jobs.retries, 0);
+}
+
+TEST_F(ClientTest, SubmittingACancelledJobQueuesItAgain) {
+  server_.jobs.state_of_created = v1::Job::STATE_CANCELLED;
+  const auto job = SubmitJob(*connection_, v1::Job());
+  ASSERT_TRUE(job.ok());
+  EXPECT_EQ(job->state(), v1::Job::STATE_QUEUED);
+  EXPECT_EQ(server_.jobs.retries, 1);
+}
+
+// The line is cut after the first event; the watcher must name that event's token, see each event once, and end with
+// the job's own record.
+TEST_F(ClientTest, WatchGoesOnAfterTheEventItSawLast) {
+  v1::JobEvent event;
+  event.set_resume_token("one");
+  event.mutable_snapshot()->set_state(v1::Job::STATE_QUEUED);
+  server_.jobs.events.push_back(event);
+  event.set_resume_token("two");
+  event.mutable_frames_ready()->mutable_progress()->set_frames_done(4);
+  server_.jobs.events.push_back(event);
+  event.set_resume_token("three");
+  event.mutable_state_change()->set_state(v1::Job::STATE_SUCCEEDED);
+  server_.jobs.events.push_back(event);
+
+  std::vector<std::string> seen;
+  int frames_done = -1;
+  const auto job = WatchJob(*connection_, "jobs/1", [&](const v1::JobEvent& event, const v1::Job& job) {
+    seen.push_back(event.resume_token());
+    if (event.has_frames_ready()) frames_done = job.progress().frames_done();
+  });
+  ASSERT_TRUE(job.ok()) << job.status();
+  EXPECT_THAT(seen, ElementsAre("one", "two", "three"));
+  EXPECT_EQ(frames_done, 4);
+  EXPECT_THAT(server_.jobs.resume_tokens, ElementsAre("", "one"));
+  EXPECT_EQ(job->state(), v1::Job::STATE_SUCCEEDED);
+  EXPECT_EQ(job->end_time().seconds(), 1);
+}
+
+class FetchTest : public ClientTest {
+ protected:
+  void SetUp() override {
+    ClientTest::SetUp();
+    server_.outputs.frames = {std::string(40, 'a'), std::string(16, 'b'), std::string(1, 'c')};
+    server_.outputs.frames_ready = 3;
+  }
+  absl::StatusOr<FetchSummary> Fetch(const FetchOptions& options = {}) {
+    return FetchResult(*connection_, "jobs/1", folder_.path("out"), options, nullptr);
+  }
+  void ExpectWhole() {
+    for (int i = 0; i < 3; ++i) {
+      EXPECT_EQ(folder_.Read(absl::StrCat("out/depth/frame", i, ".png")), server_.outputs.frames[i]);
+    }
+    EXPECT_EQ(folder_.Read("out/report.json"), server_.outputs.report);
+    EXPECT_FALSE(folder_.Has("out/.fetch.json"));
+  }
+};
+
+// Five chunks carry the three frames: the line is cut before each in turn, then each in turn is damaged.
+TEST_F(FetchTest, FramesArriveWholeWhateverIsCutOrDamaged) {
+  for (int chunk = 1; chunk <= 5; ++chunk) {
+    for (int* fault : {&server_.outputs.away_at_chunk, &server_.outputs.damage_at_chunk}) {
+      server_.outputs.chunks = 0;
+      *fault = chunk;
+      const auto summary = Fetch({.replace = true});
+      ASSERT_TRUE(summary.ok()) << summary.status();
+      EXPECT_TRUE(summary->complete);
+      ExpectWhole();
+      *fault = 0;
+    }
+  }
+}
+
+// Two of three frames are ready at first: the second call must ask for the third only.
+TEST_F(FetchTest, GoesOnWhereItStopped) {
+  server_.outputs.frames_ready = 2;
+  auto summary = Fetch();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_FALSE(summary->complete);
+  EXPECT_EQ(summary->progress.frames_done, 2);
+  EXPECT_FALSE(folder_.Has("out/report.json"));
+
+  server_.outputs.frames_ready = 3;
+  summary = Fetch();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_TRUE(summary->complete);
+  EXPECT_EQ(server_.outputs.start_frames.back(), 2);
+  ExpectWhole();
+}
+
+TEST_F(FetchTest, DoesNotMixResults) {
+  folder_.Write("out/depth/other.png", "of another result");
+  EXPECT_TRUE(absl::IsAlreadyExists(Fetch().status()));
+  const auto summary = Fetch({.replace = true});
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_FALSE(folder_.Has("out/depth/other.png"));
+  ExpectWhole();
+
+  folder_.Write("other/.fetch.json", R"({"job": "jobs/2", "next_frame": {"depth": 2}})");
+  EXPECT_TRUE(absl::IsFailedPrecondition(
+      FetchResult(*connection_, "jobs/1", folder_.path("other"), FetchOptions(), nullptr).status()));
+
+  folder_.Write("recording/rgb.txt", "");
+  EXPECT_TRUE(absl::IsInvalidArgument(CheckFolder(folder_.path("recording"), /*replace=*/true)));
+  EXPECT_TRUE(folder_.Has("recording/rgb.txt"));
+}
+
+// A server is not trusted with the names of files on this machine.
+TEST_F(FetchTest, RefusesNamesThatLeadOutOfTheFolder) {
+  server_.outputs.stems = {"../../escaped", "b", "c"};
+  EXPECT_TRUE(absl::IsDataLoss(Fetch().status()));
+  EXPECT_FALSE(folder_.Has("escaped.png"));
+}
+
+}  // namespace
+}  // namespace depthtween::client
