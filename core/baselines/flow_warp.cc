@@ -18,7 +18,6 @@ namespace depthtween {
 namespace {
 
 constexpr float kAgreement = 0.05F;   // of the nearer depth
-constexpr float kLeastTrust = 1e-6F;  // exp(-e^2) vanishes at large errors; time must still decide then
 constexpr int kSmallestForFlow = 16;  // DIS needs room for its 8-pixel patches at the half resolution it ends on
 constexpr int kFlowsPerFrame = 4;     // two keys, both ways
 
@@ -59,8 +58,8 @@ struct FlowPair {
 
 // What one key says of one pixel.
 struct Sample {
-  float depth_m = 0.0F;  // 0: the flow leaves the image, or the key knows nothing there
-  float weight = 0.0F;
+  float depth_m = 0.0F;     // 0: the flow leaves the image, or the key knows nothing there
+  double log_weight = 0.0;  // exp(-e^2) itself vanishes at large errors, where the smaller one must still win
 };
 
 Sample SampleKey(ImageView<const float> key_m, const FlowPair& flow, int x, int y, double closeness) {
@@ -70,8 +69,8 @@ Sample SampleKey(ImageView<const float> key_m, const FlowPair& flow, int x, int 
   if (!key_m.Contains(key_x, key_y)) return {};
   const Flow2 back = SampleFlow(flow.from_key, landing_x, landing_y);
   const float error_u = there.u + back.u, error_v = there.v + back.v;
-  const float trust = std::exp(-(error_u * error_u + error_v * error_v)) + kLeastTrust;
-  return {.depth_m = key_m(key_x, key_y), .weight = trust * static_cast<float>(closeness)};
+  return {.depth_m = key_m(key_x, key_y),
+          .log_weight = std::log(closeness) - static_cast<double>(error_u * error_u + error_v * error_v)};
 }
 
 DepthResult WarpFrame(const KeyPair& keys, const FlowPair& before, const FlowPair& after, double tau,
@@ -90,8 +89,9 @@ DepthResult WarpFrame(const KeyPair& keys, const FlowPair& before, const FlowPai
           provenance = Provenance::kMeasured;
         } else if (a.depth_m > 0.0F && b.depth_m > 0.0F) {
           const bool agree = std::abs(a.depth_m - b.depth_m) <= kAgreement * std::min(a.depth_m, b.depth_m);
-          const Sample& heavier = a.weight >= b.weight ? a : b;
-          depth_m = agree ? (a.weight * a.depth_m + b.weight * b.depth_m) / (a.weight + b.weight) : heavier.depth_m;
+          const Sample& heavier = a.log_weight >= b.log_weight ? a : b;
+          const double share_b = 1.0 / (1.0 + std::exp(a.log_weight - b.log_weight));
+          depth_m = agree ? static_cast<float>((1.0 - share_b) * a.depth_m + share_b * b.depth_m) : heavier.depth_m;
           provenance = agree ? Provenance::kBoth : Provenance::kOne;
         } else if (a.depth_m > 0.0F || b.depth_m > 0.0F) {
           depth_m = std::max(a.depth_m, b.depth_m);

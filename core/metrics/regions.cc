@@ -3,26 +3,43 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 namespace depthtween {
 namespace {
 
-// Marks pixels for which `marks(here, neighbour)` holds with a known 3x3 neighbour.
-template <typename Marks>
-Image<uint8_t> MarkByNeighbours(ImageView<const float> depth_m, Marks marks) {
-  Image<uint8_t> mask(depth_m.width(), depth_m.height());
-  for (int y = 0; y < depth_m.height(); ++y) {
-    const int y0 = std::max(y - 1, 0), y1 = std::min(y + 1, depth_m.height() - 1);
-    for (int x = 0; x < depth_m.width(); ++x) {
-      const float here = depth_m(x, y);
-      if (!(here > 0.0F)) continue;
-      const int x0 = std::max(x - 1, 0), x1 = std::min(x + 1, depth_m.width() - 1);
-      for (int ny = y0; ny <= y1; ++ny)
-        for (int nx = x0; nx <= x1; ++nx)
-          if (depth_m(nx, ny) > 0.0F && marks(here, depth_m(nx, ny))) mask(x, y) = 1;
+// The nearest and the farthest known depth of a 3x3 window; far_m = 0 when none is known.
+struct Range {
+  float near_m = std::numeric_limits<float>::max();
+  float far_m = 0.0F;
+};
+
+Range WindowRange(ImageView<const float> depth_m, int x, int y) {
+  Range range;
+  for (int ny = std::max(y - 1, 0); ny <= std::min(y + 1, depth_m.height() - 1); ++ny) {
+    for (int nx = std::max(x - 1, 0); nx <= std::min(x + 1, depth_m.width() - 1); ++nx) {
+      const float there = depth_m(nx, ny);
+      if (!(there > 0.0F)) continue;
+      range = {std::min(range.near_m, there), std::max(range.far_m, there)};
     }
   }
-  return mask;
+  return range;
+}
+
+// Marks every pixel within rows dy in [-radius, radius] and columns [-reach(dy), reach(dy)] of a marked one.
+template <typename Reach>
+Image<uint8_t> Dilate(ImageView<const uint8_t> mask, int radius, Reach reach) {
+  const int width = mask.width(), height = mask.height();
+  Image<uint8_t> grown(width, height);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      if (mask(x, y) == 0) continue;
+      for (int ny = std::max(y - radius, 0); ny <= std::min(y + radius, height - 1); ++ny)
+        std::fill(grown.row(ny) + std::max(x - reach(ny - y), 0),
+                  grown.row(ny) + std::min(x + reach(ny - y) + 1, width), uint8_t{1});
+    }
+  }
+  return grown;
 }
 
 }  // namespace
@@ -46,27 +63,37 @@ std::string_view RegionName(Region region) {
 }
 
 Image<uint8_t> DepthJumps(ImageView<const float> depth_m) {
-  return MarkByNeighbours(depth_m, [](float here, float there) { return std::abs(here - there) > kEdgeJumpM; });
+  Image<uint8_t> mask(depth_m.width(), depth_m.height());
+  for (int y = 0; y < depth_m.height(); ++y) {
+    for (int x = 0; x < depth_m.width(); ++x) {
+      const Range range = WindowRange(depth_m, x, y);
+      mask(x, y) = range.far_m - range.near_m > kEdgeJumpM ? 1 : 0;
+    }
+  }
+  return mask;
 }
 
 Image<uint8_t> Silhouettes(ImageView<const float> depth_m) {
-  return MarkByNeighbours(depth_m, [](float here, float there) { return there - here > kEdgeJumpM; });
+  Image<uint8_t> mask(depth_m.width(), depth_m.height());
+  for (int y = 0; y < depth_m.height(); ++y)
+    for (int x = 0; x < depth_m.width(); ++x)
+      if (depth_m(x, y) > 0.0F) mask(x, y) = WindowRange(depth_m, x, y).far_m - depth_m(x, y) > kEdgeJumpM ? 1 : 0;
+  return mask;
 }
 
-Image<uint8_t> Dilate(ImageView<const uint8_t> mask, int radius) {
-  const int width = mask.width(), height = mask.height();
-  Image<uint8_t> wide(width, height), grown(width, height);
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x)
-      if (mask(x, y) != 0)
-        std::fill(wide.row(y) + std::max(x - radius, 0), wide.row(y) + std::min(x + radius + 1, width), 1);
-  for (int y = 0; y < height; ++y)
-    for (int ny = std::max(y - radius, 0); ny <= std::min(y + radius, height - 1); ++ny)
-      for (int x = 0; x < width; ++x) grown(x, y) |= wide(x, ny);
-  return grown;
+Image<uint8_t> DilateDisc(ImageView<const uint8_t> mask, int radius) {
+  return Dilate(mask, radius, [radius](int dy) {
+    int reach = 0;
+    while ((reach + 1) * (reach + 1) + dy * dy <= radius * radius) ++reach;
+    return reach;
+  });
 }
 
-Image<uint8_t> EdgeBand(ImageView<const float> depth_m) { return Dilate(DepthJumps(depth_m), kEdgeBandPx); }
+Image<uint8_t> DilateSquare(ImageView<const uint8_t> mask, int radius) {
+  return Dilate(mask, radius, [radius](int) { return radius; });
+}
+
+Image<uint8_t> EdgeBand(ImageView<const float> depth_m) { return DilateDisc(DepthJumps(depth_m), kEdgeBandPx); }
 
 void KeyVisibility::Restart(int width, int height) {
   position_ = Image<Flow2>(width, height);

@@ -21,20 +21,22 @@ inline constexpr std::array kRegions = {Region::kAll,    Region::kEdgeBand, Regi
 std::string_view RegionName(Region region);
 
 inline constexpr float kEdgeJumpM = 0.15F;      // between 3x3 neighbours: what counts as a depth edge
-inline constexpr int kEdgeBandPx = 4;           // the band reaches this far from a jump, along rows and columns
+inline constexpr int kEdgeBandPx = 4;           // the band reaches this far from a jump
 inline constexpr float kMovingPx = 0.25F;       // true motion per colour frame above which a pixel moves
 inline constexpr float kFarthestTruthM = 8.0F;  // truth beyond is not scored: depth sensors end there
 
-// Pixels on either side of a jump: some 3x3 neighbour differs by more than kEdgeJumpM, both known.
+// Pixels in whose 3x3 window known depths differ by more than kEdgeJumpM. A jump across a hole of one pixel counts:
+// real sensors rarely see both sides of an edge side by side.
 Image<uint8_t> DepthJumps(ImageView<const float> depth_m);
 
-// Pixels on the nearer side of a jump: the silhouettes, one pixel wide.
+// Pixels on the nearer side of a jump to a known 3x3 neighbour: outlines, one pixel wide.
 Image<uint8_t> Silhouettes(ImageView<const float> depth_m);
 
-// Grows a mask by `radius` pixels along rows and columns (a square).
-Image<uint8_t> Dilate(ImageView<const uint8_t> mask, int radius);
+// Pixels at most `radius` pixels from a pixel of the mask: as the crow flies, or along rows and columns (a square).
+Image<uint8_t> DilateDisc(ImageView<const uint8_t> mask, int radius);
+Image<uint8_t> DilateSquare(ImageView<const uint8_t> mask, int radius);
 
-// Within kEdgeBandPx of a jump.
+// Within kEdgeBandPx of a jump, as the crow flies.
 Image<uint8_t> EdgeBand(ImageView<const float> depth_m);
 
 // True motion to the next colour frame.

@@ -70,7 +70,7 @@ DepthScore DepthErrors::Score() const {
 void EdgeMatches::Add(ImageView<const float> truth_m, ImageView<const float> estimate_m) {
   assert(truth_m.SameSize(estimate_m));
   const Image<uint8_t> real = Silhouettes(truth_m), found = Silhouettes(estimate_m);
-  const Image<uint8_t> near_real = Dilate(real, 1), near_found = Dilate(found, 1);
+  const Image<uint8_t> near_real = DilateSquare(real, 1), near_found = DilateSquare(found, 1);
   for (int y = 0; y < truth_m.height(); ++y) {
     for (int x = 0; x < truth_m.width(); ++x) {
       true_ += real(x, y);

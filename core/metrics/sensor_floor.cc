@@ -48,7 +48,7 @@ absl::Status SensorFloor::Add(ImageView<const Rgb8> color, ImageView<const float
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x)
         changed(x, y) = std::abs(grey(x, y) - previous_grey_(x, y)) >= kStillLevels ? 1 : 0;
-    const Image<uint8_t> moves = Dilate(changed, kGuardRadius);
+    const Image<uint8_t> moves = DilateSquare(changed, kGuardRadius);
     const auto scored = [](float z) { return z > 0.0F && z < kFarthestTruthM; };
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x)

@@ -26,6 +26,17 @@ TEST(Regions, StepEdgeHasKnownJumpSilhouetteAndBand) {
   }
 }
 
+// Sensors often miss the pixel on an edge: the jump is then seen by that pixel alone, whose window reaches both sides.
+TEST(Regions, JumpAcrossOneMissingPixelCounts) {
+  Image<float> depth_m = Step(20, 5, 10);
+  for (int y = 0; y < 5; ++y) depth_m(10, y) = 0.0F;
+  const Image<uint8_t> jumps = DepthJumps(depth_m), silhouettes = Silhouettes(depth_m);
+  for (int x = 0; x < 20; ++x) {
+    EXPECT_EQ(jumps(x, 2), x == 10) << x;
+    EXPECT_EQ(silhouettes(x, 2), 0) << x;
+  }
+}
+
 // By definition a jump is more than 15 cm, and between two known depths.
 TEST(Regions, SmallStepsAndHolesAreNoJumps) {
   Image<float> depth_m(8, 4, 1.0F);
@@ -37,14 +48,21 @@ TEST(Regions, SmallStepsAndHolesAreNoJumps) {
   EXPECT_EQ(std::count(band.data(), band.data() + band.pixel_count(), 1), 0);
 }
 
-TEST(Regions, DilateGrowsASquareAndStopsAtTheBorder) {
+TEST(Regions, DilationStopsAtTheBorder) {
   Image<uint8_t> mask(7, 6);
   mask(0, 5) = 1;
   mask(4, 2) = 1;
-  const Image<uint8_t> grown = Dilate(mask, 1);
+  const Image<uint8_t> grown = DilateSquare(mask, 1), disc = DilateDisc(mask, 1);
   for (int y = 0; y < 6; ++y)
     for (int x = 0; x < 7; ++x)
       EXPECT_EQ(grown(x, y), (x >= 3 && x <= 5 && y >= 1 && y <= 3) || (x <= 1 && y >= 4)) << x << " " << y;
+  // Of radius 1 a disc is a cross: 5 pixels inside the image, 3 in its corner.
+  EXPECT_EQ(std::count(disc.data(), disc.data() + disc.pixel_count(), 1), 8);
+  // Of radius 4 it holds the 49 integer points of a circle of that radius (Gauss's circle problem).
+  Image<uint8_t> point(11, 11);
+  point(5, 5) = 1;
+  const Image<uint8_t> circle = DilateDisc(point, 4);
+  EXPECT_EQ(std::count(circle.data(), circle.data() + circle.pixel_count(), 1), 49);
 }
 
 // A bar of columns 4..7 moves right by 0.6 px a frame over a still ground, so after 5 frames it covers columns 7..10
