@@ -1,0 +1,40 @@
+// Which services can serve, for whoever asks: the gRPC health service, probes, the way down.
+//
+// Threads: all methods may be called concurrently.
+#ifndef DEPTHTWEEN_SERVER_TELEMETRY_HEALTH_H_
+#define DEPTHTWEEN_SERVER_TELEMETRY_HEALTH_H_
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace depthtween::server {
+
+class Health {
+ public:
+  // "" stands for the server as a whole.
+  void Set(std::string_view service, bool serving);
+  // Every service that was ever set, and "", no longer serve.
+  void StopServing();
+  // nullopt for a service that was never set.
+  std::optional<bool> IsServing(std::string_view service) const;
+
+  // Calls `on_change` after every change, until the returned handle is gone; a call that has begun may outlast it.
+  std::shared_ptr<void> Subscribe(std::function<void()> on_change);
+
+ private:
+  void Notify();
+
+  mutable std::mutex mutex_;
+  std::map<std::string, bool, std::less<>> serving_;               // guarded by mutex_
+  std::vector<std::weak_ptr<std::function<void()>>> subscribers_;  // guarded by mutex_
+};
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_TELEMETRY_HEALTH_H_
