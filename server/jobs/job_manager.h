@@ -88,6 +88,7 @@ class JobManager {
   virtual std::string OutputFile(std::string_view id, OutputKind kind) const = 0;
 
   virtual ValidationProgress GetValidationProgress(std::string_view sequence_id) = 0;
+  // How many tasks run at the same time.
   virtual int workers() const = 0;
 };
 

@@ -48,10 +48,12 @@ class UploadWriter {
   struct Turn;  // whose turn it is to write an upload
   static constexpr int64_t kFlushBytes = 16 << 20;
 
-  UploadWriter(Sequences& sequences, UploadRecord upload, std::vector<UploadFile> files, std::shared_ptr<Turn> turn);
+  UploadWriter(Sequences& sequences, UploadRecord upload, std::vector<UploadFile> files, std::shared_ptr<Turn> turn,
+               int64_t turn_number);
+  // All of these with the turn's mutex held.
   absl::Status CheckTurn() const;
-  absl::Status StartFile();
   absl::Status WriteToFiles(std::string_view bytes);
+  absl::Status ResumeHash();
   absl::Status CompleteFile();
   absl::Status Flush();
 
@@ -60,11 +62,11 @@ class UploadWriter {
   const std::vector<UploadFile> files_;
   const std::shared_ptr<Turn> turn_;
   const int64_t turn_number_;
-  size_t file_ = 0;         // the file being written
-  int64_t file_start_ = 0;  // its offset in the upload
-  int64_t written_ = 0;     // offset in the upload; bytes beyond committed_size are not yet durable
-  bool file_started_ = false;
-  std::optional<Sha256> hash_;  // of the current file, up to written_
+  size_t file_ = 0;             // the file being written
+  int64_t file_start_ = 0;      // its offset in the upload
+  int64_t written_ = 0;         // offset in the upload; bytes beyond committed_size are not yet durable
+  bool touched_ = false;        // something was written that is not durable yet
+  std::optional<Sha256> hash_;  // of the current file up to written_; none if it is not checked or not begun
 };
 
 // Threads: all methods may be called concurrently. Borrows the stores.

@@ -80,26 +80,36 @@ class WatchHub {
 
   // A change of the job. Calls about one job must be made in the order of the changes.
   void Publish(JobEvent::Kind kind, const JobView& job, int first_frame = 0, int frame_count = 0);
+  // Ids of the jobs that somebody watches.
+  std::vector<std::string> WatchedJobs();
   // The job is gone: its watchers are told, its events forgotten.
   void Forget(std::string_view job_id);
 
  private:
   friend class JobWatch;
-  // The events of one job since it was first published or watched. Kept until the job has ended and nobody watches.
+  // The events of one job. Kept until the job has ended and nobody watches it.
   struct Topic {
+    int64_t generation = 0;  // tells it from an earlier topic of the same job
     JobView latest;
     int64_t number = 0;           // of the latest event
     std::deque<JobEvent> recent;  // at most kEventsKept
     std::vector<std::shared_ptr<JobWatch::Bell>> bells;
   };
+  using Topics = std::map<std::string, Topic, std::less<>>;
 
-  std::string Token(int64_t number) const;
-  void Ring(Topic& topic);
+  static JobEvent Snapshot(const Topic& topic, std::string token);
+  // All of these with mutex_ held.
+  std::string Token(const Topic& topic) const;
+  Topic& FindTopic(const JobView& job);
+  void DropIfIdle(Topics::iterator topic);
+  void Ring(const Topic& topic);
+
   void RingBells(std::stop_token stop);
 
   const std::string epoch_;  // of this process: tokens of another are not known
   std::mutex mutex_;
-  std::map<std::string, Topic, std::less<>> topics_;      // guarded by mutex_
+  Topics topics_;                                         // guarded by mutex_
+  int64_t generations_ = 0;                               // guarded by mutex_
   std::vector<std::shared_ptr<JobWatch::Bell>> to_ring_;  // guarded by mutex_
   std::condition_variable_any to_ring_changed_;
   std::jthread ringer_;  // last: it uses all of the above

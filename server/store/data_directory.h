@@ -34,6 +34,7 @@ class DataDirectory {
   const std::string& path() const { return path_; }
   std::string DatabaseFile() const { return path_ + "/depthtween.sqlite"; }
   std::string SequencesFolder() const { return path_ + "/sequences"; }
+  std::string JobsFolder() const { return path_ + "/jobs"; }
   std::string TasksFolder() const { return path_ + "/tasks"; }
   std::string SequenceFolder(std::string_view id) const { return Join("/sequences/", id); }
   std::string JobFolder(std::string_view id) const { return Join("/jobs/", id); }

@@ -212,6 +212,20 @@ absl::StatusOr<JobRecord> SqliteStore::RetryJob(std::string_view id) {
   });
 }
 
+absl::StatusOr<std::vector<PlannedInterval>> SqliteStore::JobIntervals(std::string_view id, int first, int count) {
+  return Transact([&]() -> absl::StatusOr<std::vector<PlannedInterval>> {
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    std::vector<PlannedInterval> intervals;
+    RETURN_IF_ERROR(database_->Run(
+        "SELECT idx, first_frame, frame_count, held FROM intervals WHERE job = ? AND idx >= ? ORDER BY idx LIMIT ?",
+        {number, first, count}, [&intervals](const SqlRow& row) {
+          intervals.push_back(
+              {.index = row.Int(0), .first_frame = row.Int(1), .frame_count = row.Int(2), .held = row.Int(3) != 0});
+        }));
+    return intervals;
+  });
+}
+
 absl::StatusOr<std::vector<FrameRecord>> SqliteStore::JobFrames(std::string_view id, int first, int count) {
   return Transact([&]() -> absl::StatusOr<std::vector<FrameRecord>> {
     ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));

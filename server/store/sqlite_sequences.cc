@@ -168,7 +168,7 @@ absl::Status SqliteStore::CheckNewFiles(int64_t sequence, const std::vector<Uplo
 }
 
 absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(std::string_view sequence_id,
-                                                       const std::vector<UploadFile>& files,
+                                                       const std::vector<UploadFile>& files, int64_t room_bytes,
                                                        std::string_view request_id) {
   if (files.empty()) return BadField("upload.files", "upload.files is empty, must name at least one file");
   if (files.size() > static_cast<size_t>(limits_.max_files_per_upload)) {
@@ -214,6 +214,12 @@ absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(std::string_view sequence
       return LimitExceeded("max_files_per_sequence", limits_.max_files_per_sequence,
                            absl::StrFormat("the sequence would have %d files, at most %d are allowed", file_count,
                                            limits_.max_files_per_sequence));
+    }
+    if (size_bytes > room_bytes) {
+      return DiskFull(
+          absl::StrFormat("the upload needs %d bytes, the server's disk has room for %d; delete old jobs and "
+                          "sequences, or try again later",
+                          size_bytes, room_bytes));
     }
     ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(sequence_id));
     RETURN_IF_ERROR(CheckNewFiles(number, files));

@@ -28,7 +28,7 @@ class SqliteStore : public Store {
   absl::StatusOr<Page<SequenceRecord>> ListSequences(const SequenceFilter& filter, const PageRequest& page) override;
   absl::Status DeleteSequence(std::string_view id) override;
   absl::StatusOr<UploadRecord> CreateUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
-                                            std::string_view request_id) override;
+                                            int64_t room_bytes, std::string_view request_id) override;
   absl::StatusOr<UploadRecord> GetUpload(std::string_view sequence_id, std::string_view upload_id) override;
   absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) override;
   absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size) override;
@@ -41,6 +41,7 @@ class SqliteStore : public Store {
   absl::Status DeleteJob(std::string_view id) override;
   absl::StatusOr<JobRecord> CancelJob(std::string_view id) override;
   absl::StatusOr<JobRecord> RetryJob(std::string_view id) override;
+  absl::StatusOr<std::vector<PlannedInterval>> JobIntervals(std::string_view id, int first, int count) override;
   absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count) override;
 
   absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) override;

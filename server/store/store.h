@@ -60,7 +60,7 @@ class Store {
   // Checks paths, sizes and limits. InvalidArgument names the file; AlreadyExists (DUPLICATE_PATH) if the sequence has
   // it; ResourceExhausted (LIMIT_EXCEEDED); FailedPrecondition unless kUploading.
   virtual absl::StatusOr<UploadRecord> CreateUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
-                                                    std::string_view request_id) = 0;
+                                                    int64_t room_bytes, std::string_view request_id) = 0;
   virtual absl::StatusOr<UploadRecord> GetUpload(std::string_view sequence_id, std::string_view upload_id) = 0;
   // The manifest, in order.
   virtual absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) = 0;
@@ -88,6 +88,8 @@ class Store {
   // kFailed | kCancelled -> kQueued, keeping finished intervals. FailedPrecondition otherwise, or if the sequence is
   // gone.
   virtual absl::StatusOr<JobRecord> RetryJob(std::string_view id) = 0;
+  // Intervals [first, first + count) of its plan; none before `prepare`.
+  virtual absl::StatusOr<std::vector<PlannedInterval>> JobIntervals(std::string_view id, int first, int count) = 0;
   // Frames [first, first + count) that the job will have; fewer at its end, none before `prepare`.
   virtual absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count) = 0;
 

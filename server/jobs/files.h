@@ -1,0 +1,26 @@
+// The few file operations by which finished work becomes durable.
+#ifndef DEPTHTWEEN_SERVER_JOBS_FILES_H_
+#define DEPTHTWEEN_SERVER_JOBS_FILES_H_
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "core/base/status.h"
+
+namespace depthtween::server {
+
+// ResourceExhausted if the file has more than `max_bytes`.
+absl::StatusOr<std::string> ReadWholeFile(const std::string& path, int64_t max_bytes);
+// Not durable; for the scratch folder of a task.
+absl::Status WriteScratchFile(const std::string& path, std::string_view bytes);
+// Creates the folder and those above it that are missing.
+absl::Status MakeFolder(const std::string& path);
+// The names in a folder become durable; so they must be after a rename into it.
+absl::Status SyncFolder(const std::string& path);
+// Moves a regular file, replacing what is there. NotFound if there is none, or if it is something else, such as a link.
+absl::Status MoveFile(const std::string& from, const std::string& to);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_JOBS_FILES_H_

@@ -1,0 +1,400 @@
+#include "server/jobs/job_manager.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <condition_variable>
+#include <filesystem>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <stop_token>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/numbers.h"
+#include "absl/time/clock.h"
+#include "server/jobs/child_process.h"
+#include "server/jobs/task_runner.h"
+#include "server/telemetry/log.h"
+
+namespace depthtween::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Stages change many times a second; watchers get to see a few of them.
+constexpr absl::Duration kStageGap = absl::Milliseconds(200);
+// How long a worker waits before it asks a store again that has just failed, for instance for want of room.
+constexpr std::chrono::seconds kStoreRetryGap{1};
+
+std::vector<std::string> FoldersIn(const std::string& path) {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error)) {
+    names.push_back(entry->path().filename());
+  }
+  return names;
+}
+
+class Manager : public JobManager {
+ public:
+  Manager(DataDirectory& directory, Store& store, const JobManagerOptions& options)
+      : directory_(directory), store_(store), options_(options), runner_(directory, store, options) {}
+
+  ~Manager() override {
+    for (std::jthread& worker : workers_) worker.request_stop();
+    {
+      // A worker claims with changes_ held and not after it was told to stop, so none is missed.
+      const std::lock_guard lock(changes_);
+      for (auto& [number, running] : running_) running.stop.request_stop();
+    }
+    workers_.clear();
+  }
+
+  absl::Status CleanUpAndStart();
+
+  void Wake() override;
+  absl::StatusOr<JobView> Create(const NewJob& job, std::string_view request_id, bool validate_only) override;
+  absl::StatusOr<JobView> Get(std::string_view id) override;
+  absl::StatusOr<Page<JobView>> List(const JobFilter& filter, const PageRequest& page) override;
+  absl::Status Delete(std::string_view id) override;
+  absl::StatusOr<JobView> Cancel(std::string_view id) override;
+  absl::StatusOr<JobView> Retry(std::string_view id) override;
+  absl::StatusOr<std::unique_ptr<JobWatch>> Watch(std::string_view id, std::string_view resume_token,
+                                                  std::function<void()> on_news) override;
+  absl::StatusOr<std::vector<FrameRecord>> Frames(std::string_view id, int first, int count) override {
+    return store_.JobFrames(id, first, count);
+  }
+  std::string FrameFile(std::string_view id, OutputKind kind, std::string_view stem) const override;
+  std::string OutputFile(std::string_view id, OutputKind kind) const override;
+  ValidationProgress GetValidationProgress(std::string_view sequence_id) override;
+  int workers() const override { return options_.workers; }
+
+ private:
+  // What is known of a job only while it runs.
+  struct Live {
+    std::string stage;
+    absl::Time stage_published = absl::InfinitePast();
+  };
+  struct Running {
+    std::string job_id;  // empty for a validation
+    std::stop_source stop;
+  };
+
+  // A worker: claims and runs until it is told to stop.
+  void Work(std::stop_token stop);
+  std::optional<Task> ClaimOrWait(std::stop_token stop);
+  void RunTask(const Task& task, std::stop_token stop);
+  void Settle(const Task& task, const TaskOutcome& outcome, std::stop_token stop);
+  absl::Status RecordOutcome(const Task& task, const TaskOutcome& outcome);
+  void OnStage(const std::string& job_id, std::string_view stage);
+  absl::Status OnInterval(const Task& task, const PlannedInterval& interval, double seconds);
+
+  // With changes_ held.
+  JobView View(JobRecord record) const;
+  absl::StatusOr<JobView> PublishState(std::string_view job_id);
+  // Those who wait have moved up.
+  void PublishQueue();
+  void StopTasksOf(std::string_view job_id);
+
+  DataDirectory& directory_;
+  Store& store_;
+  const JobManagerOptions options_;
+  TaskRunner runner_;
+
+  // Held over every change of a job together with its announcement, so that watchers hear of changes in their order and
+  // a snapshot is neither older nor newer than the events around it. Not held while a child runs or frames are moved.
+  std::mutex changes_;
+  WatchHub hub_;                                                        // published to with changes_ held
+  std::map<std::string, Live, std::less<>> live_;                       // guarded by changes_; by job id
+  std::map<int64_t, Running> running_;                                  // guarded by changes_; by task number
+  std::map<std::string, ValidationProgress, std::less<>> validations_;  // guarded by changes_; by sequence id
+  int64_t wakes_ = 0;                                                   // guarded by changes_
+  std::condition_variable_any work_;
+
+  std::vector<std::jthread> workers_;  // last: they use all of the above
+};
+
+absl::Status Manager::CleanUpAndStart() {
+  if (access(options_.core_program.c_str(), X_OK) != 0) {
+    return ErrnoStatus(errno, "run the program " + options_.core_program);
+  }
+  // Children of a server that was killed: first they end, then their work is given back, then their scratch goes.
+  const std::vector<std::string> tasks = FoldersIn(directory_.TasksFolder());
+  for (const std::string& task : tasks) KillLeftChild(directory_.TasksFolder() + "/" + task);
+  RETURN_IF_ERROR(store_.ReleaseAllTasks());
+  for (const std::string& task : tasks) RETURN_IF_ERROR(directory_.Discard(directory_.TasksFolder() + "/" + task));
+  // A server that died between deleting a row and its folder left a folder that nobody names.
+  for (const std::string& id : FoldersIn(directory_.JobsFolder())) {
+    if (absl::IsNotFound(store_.GetJob(id).status())) RETURN_IF_ERROR(directory_.Discard(directory_.JobFolder(id)));
+  }
+  for (const std::string& id : FoldersIn(directory_.SequencesFolder())) {
+    if (absl::IsNotFound(store_.GetSequence(id).status())) {
+      RETURN_IF_ERROR(directory_.Discard(directory_.SequenceFolder(id)));
+    }
+  }
+  for (int i = 0; i < options_.workers; ++i) {
+    workers_.emplace_back([this](std::stop_token stop) { Work(stop); });
+  }
+  return absl::OkStatus();
+}
+
+void Manager::Wake() {
+  {
+    const std::lock_guard lock(changes_);
+    ++wakes_;
+  }
+  work_.notify_all();
+}
+
+JobView Manager::View(JobRecord record) const {
+  const auto live = live_.find(record.id);
+  const std::string_view stage = live == live_.end() ? std::string_view() : std::string_view(live->second.stage);
+  Progress progress = DescribeProgress(record, stage, options_.workers);
+  return {.record = std::move(record), .progress = std::move(progress)};
+}
+
+absl::StatusOr<JobView> Manager::PublishState(std::string_view job_id) {
+  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(job_id));
+  if (record.state != JobState::kRunning) live_.erase(record.id);
+  JobView view = View(std::move(record));
+  hub_.Publish(JobEvent::Kind::kState, view);
+  if (HasEnded(view.record.state)) PublishQueue();
+  return view;
+}
+
+void Manager::PublishQueue() {
+  for (const std::string& id : hub_.WatchedJobs()) {
+    absl::StatusOr<JobRecord> record = store_.GetJob(id);
+    if (record.ok() && record->state == JobState::kQueued) {
+      hub_.Publish(JobEvent::Kind::kProgress, View(*std::move(record)));
+    }
+  }
+}
+
+void Manager::StopTasksOf(std::string_view job_id) {
+  for (auto& [number, running] : running_) {
+    if (running.job_id == job_id) running.stop.request_stop();
+  }
+}
+
+absl::StatusOr<JobView> Manager::Create(const NewJob& job, std::string_view request_id, bool validate_only) {
+  std::unique_lock lock(changes_);
+  ASSIGN_OR_RETURN(JobRecord record, store_.CreateJob(job, request_id, validate_only));
+  JobView view = View(std::move(record));
+  lock.unlock();
+  if (!validate_only) Wake();
+  return view;
+}
+
+absl::StatusOr<JobView> Manager::Get(std::string_view id) {
+  const std::lock_guard lock(changes_);
+  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(id));
+  return View(std::move(record));
+}
+
+absl::StatusOr<Page<JobView>> Manager::List(const JobFilter& filter, const PageRequest& page) {
+  const std::lock_guard lock(changes_);
+  ASSIGN_OR_RETURN(Page<JobRecord> records, store_.ListJobs(filter, page));
+  Page<JobView> views{.next_token = std::move(records.next_token)};
+  for (JobRecord& record : records.items) views.items.push_back(View(std::move(record)));
+  return views;
+}
+
+absl::Status Manager::Delete(std::string_view id) {
+  {
+    const std::lock_guard lock(changes_);
+    RETURN_IF_ERROR(store_.DeleteJob(id));
+    hub_.Forget(id);
+  }
+  return directory_.Discard(directory_.JobFolder(id));
+}
+
+absl::StatusOr<JobView> Manager::Cancel(std::string_view id) {
+  const std::lock_guard lock(changes_);
+  ASSIGN_OR_RETURN(const JobRecord before, store_.GetJob(id));
+  ASSIGN_OR_RETURN(JobRecord after, store_.CancelJob(id));
+  StopTasksOf(id);
+  return after.state == before.state ? View(std::move(after)) : PublishState(id);
+}
+
+absl::StatusOr<JobView> Manager::Retry(std::string_view id) {
+  std::unique_lock lock(changes_);
+  RETURN_IF_ERROR(store_.RetryJob(id).status());
+  absl::StatusOr<JobView> view = PublishState(id);
+  lock.unlock();
+  Wake();
+  return view;
+}
+
+absl::StatusOr<std::unique_ptr<JobWatch>> Manager::Watch(std::string_view id, std::string_view resume_token,
+                                                         std::function<void()> on_news) {
+  const std::lock_guard lock(changes_);
+  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(id));
+  return hub_.Watch(View(std::move(record)), resume_token, std::move(on_news));
+}
+
+const OutputSpec& SpecOf(OutputKind kind) {
+  return *std::find_if(AllOutputs().begin(), AllOutputs().end(),
+                       [kind](const OutputSpec& output) { return output.kind == kind; });
+}
+
+std::string Manager::FrameFile(std::string_view id, OutputKind kind, std::string_view stem) const {
+  return absl::StrCat(OutputFile(id, kind), "/", std::string(stem), ".png");
+}
+
+std::string Manager::OutputFile(std::string_view id, OutputKind kind) const {
+  return absl::StrCat(directory_.OutFolder(id), "/", std::string(SpecOf(kind).file_name));
+}
+
+ValidationProgress Manager::GetValidationProgress(std::string_view sequence_id) {
+  const std::lock_guard lock(changes_);
+  const auto found = validations_.find(sequence_id);
+  return found == validations_.end() ? ValidationProgress{} : found->second;
+}
+
+void Manager::Work(std::stop_token stop) {
+  while (!stop.stop_requested()) {
+    if (const std::optional<Task> task = ClaimOrWait(stop)) RunTask(*task, stop);
+  }
+}
+
+std::optional<Task> Manager::ClaimOrWait(std::stop_token stop) {
+  std::unique_lock lock(changes_);
+  if (stop.stop_requested()) return std::nullopt;
+  absl::StatusOr<std::optional<Task>> claimed =
+      store_.ClaimTask([this](const JobRecord& job) { return IntervalsPerBatch(job, options_.workers); });
+  if (claimed.ok() && claimed->has_value()) {
+    const Task& task = **claimed;
+    running_[task.number].job_id = task.job_id;
+    // The first task of a job has made it RUNNING.
+    if (!task.job_id.empty() && live_.try_emplace(task.job_id).second) PublishState(task.job_id).IgnoreError();
+    return *claimed;
+  }
+  const int64_t seen = wakes_;
+  const auto woken = [this, seen] { return wakes_ != seen; };
+  if (claimed.ok()) {
+    work_.wait(lock, stop, woken);
+  } else {
+    LogError("cannot claim work", {{"error", claimed.status().ToString()}});
+    work_.wait_for(lock, stop, kStoreRetryGap, woken);
+  }
+  return std::nullopt;
+}
+
+void Manager::RunTask(const Task& task, std::stop_token stop) {
+  std::stop_token task_stop;
+  UpsampleOptions job_options;
+  {
+    const std::lock_guard lock(changes_);
+    task_stop = running_[task.number].stop.get_token();
+    if (!task.job_id.empty()) {
+      if (const auto job = store_.GetJob(task.job_id); job.ok()) job_options = job->options;
+    }
+  }
+  LogInfo("task started", {{"task", absl::StrCat(task.number)},
+                           {"kind", std::string(ToString(task.kind))},
+                           {"sequence", task.sequence_id},
+                           {"job", task.job_id},
+                           {"first_interval", absl::StrCat(task.first_interval)},
+                           {"intervals", absl::StrCat(task.interval_count)}});
+  const TaskOutcome outcome =
+      runner_.Run(task, job_options, task_stop,
+                  {.on_stage = [&](std::string_view stage) { OnStage(task.job_id, stage); },
+                   .on_checked =
+                       [&](int checked, int of) {
+                         const std::lock_guard lock(changes_);
+                         validations_[task.sequence_id] = {.checked = checked, .of = of};
+                       },
+                   .on_interval = [&](const PlannedInterval& interval,
+                                      double seconds) { return OnInterval(task, interval, seconds); }});
+  Log(outcome.error.ok() || outcome.stopped ? LogLevel::kInfo : LogLevel::kWarning, "task ended",
+      {{"task", absl::StrCat(task.number)}, {"job", task.job_id}, {"status", outcome.error.ToString()}});
+  Settle(task, outcome, stop);
+  {
+    const std::lock_guard lock(changes_);
+    running_.erase(task.number);
+    if (task.kind == TaskKind::kValidate) validations_.erase(task.sequence_id);
+  }
+  if (const absl::Status discarded = directory_.Discard(directory_.TaskFolder(task.number)); !discarded.ok()) {
+    LogWarning("cannot discard a task's folder", {{"error", discarded.ToString()}});
+  }
+  // Ending a task may have made the next one.
+  Wake();
+}
+
+void Manager::OnStage(const std::string& job_id, std::string_view stage) {
+  const std::lock_guard lock(changes_);
+  const auto live = live_.find(job_id);
+  if (live == live_.end() || live->second.stage == stage) return;
+  live->second.stage = stage;
+  const absl::Time now = absl::Now();
+  if (now - live->second.stage_published < kStageGap) return;
+  live->second.stage_published = now;
+  absl::StatusOr<JobRecord> record = store_.GetJob(job_id);
+  if (record.ok()) hub_.Publish(JobEvent::Kind::kProgress, View(*std::move(record)));
+}
+
+absl::Status Manager::OnInterval(const Task& task, const PlannedInterval& interval, double seconds) {
+  const std::lock_guard lock(changes_);
+  ASSIGN_OR_RETURN(JobRecord record, store_.FinishInterval(task.number, interval.index, seconds));
+  hub_.Publish(JobEvent::Kind::kFramesReady, View(std::move(record)), interval.first_frame, interval.frame_count);
+  return absl::OkStatus();
+}
+
+absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome) {
+  if (outcome.stopped) return store_.ReleaseTask(task.number);
+  if (!outcome.error.ok()) return store_.FailTask(task.number, outcome.error, outcome.retry);
+  switch (task.kind) {
+    case TaskKind::kValidate:
+      return store_.FinishValidation(task.number, *outcome.validation);
+    case TaskKind::kPrepare:
+      return store_.FinishPrepare(task.number, *outcome.plan);
+    case TaskKind::kIntervals:
+    case TaskKind::kAssemble:
+      return store_.CompleteTask(task.number);
+  }
+  return absl::OkStatus();
+}
+
+void Manager::Settle(const Task& task, const TaskOutcome& outcome, std::stop_token stop) {
+  std::unique_lock lock(changes_);
+  absl::Status recorded = RecordOutcome(task, outcome);
+  // A store that cannot write now, for want of room, may later. When the server stops first, the next start gives the
+  // task back.
+  while (!recorded.ok() && !absl::IsFailedPrecondition(recorded) && !stop.stop_requested()) {
+    LogError("cannot record the end of a task", {{"task", absl::StrCat(task.number)}, {"error", recorded.ToString()}});
+    work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
+    recorded = RecordOutcome(task, outcome);
+  }
+  if (!recorded.ok() || task.job_id.empty()) return;
+  const absl::StatusOr<JobView> view = PublishState(task.job_id);
+  if (view.ok() && HasEnded(view->record.state)) StopTasksOf(task.job_id);
+}
+
+}  // namespace
+
+absl::Status JobManagerOptions::Validate() const {
+  const auto bad = [](absl::string_view field, auto value, absl::string_view rule) {
+    return absl::InvalidArgumentError(absl::StrCat("JobManagerOptions.", field, " = ", value, ", must be ", rule));
+  };
+  if (workers < 1) return bad("workers", workers, "> 0");
+  if (default_threads < 1) return bad("default_threads", default_threads, "> 0");
+  if (child_memory_bytes < 0) return bad("child_memory_bytes", child_memory_bytes, ">= 0 (0 = no limit)");
+  if (child_file_bytes < 0) return bad("child_file_bytes", child_file_bytes, ">= 0 (0 = no limit)");
+  if (grace < absl::ZeroDuration()) return bad("grace", absl::FormatDuration(grace), ">= 0");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<JobManager>> JobManager::Start(DataDirectory& directory, Store& store,
+                                                              const JobManagerOptions& options) {
+  RETURN_IF_ERROR(options.Validate());
+  auto manager = std::make_unique<Manager>(directory, store, options);
+  RETURN_IF_ERROR(manager->CleanUpAndStart());
+  return manager;
+}
+
+}  // namespace depthtween::server

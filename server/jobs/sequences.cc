@@ -1,0 +1,211 @@
+#include "server/jobs/sequences.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "proto/depthtween/crc32c.h"
+#include "server/store/error_info.h"
+
+namespace depthtween::server {
+
+// Shared by all writers of one upload. A later writer takes the turn away from an earlier one.
+struct UploadWriter::Turn {
+  std::mutex mutex;    // held while bytes are written or made durable
+  int64_t number = 0;  // guarded by mutex: of the writer whose turn it is
+};
+
+UploadWriter::UploadWriter(Sequences& sequences, UploadRecord upload, std::vector<UploadFile> files,
+                           std::shared_ptr<Turn> turn, int64_t turn_number)
+    : sequences_(sequences),
+      upload_(std::move(upload)),
+      files_(std::move(files)),
+      turn_(std::move(turn)),
+      turn_number_(turn_number),
+      written_(upload_.committed_size) {
+  // The file in which the upload stands. One that ends just here is complete.
+  while (file_ < files_.size() && written_ >= file_start_ + files_[file_].size_bytes &&
+         (files_[file_].size_bytes > 0 || written_ > file_start_)) {
+    file_start_ += files_[file_].size_bytes;
+    ++file_;
+  }
+}
+
+UploadWriter::~UploadWriter() { Close().IgnoreError(); }
+
+absl::Status UploadWriter::CheckTurn() const {
+  if (turn_->number == turn_number_) return absl::OkStatus();
+  return WithErrorInfo(absl::AbortedError("another connection has taken over this upload"),
+                       {.reason = "TAKEN_OVER", .metadata = {{"upload", upload_.id}}});
+}
+
+absl::Status UploadWriter::Write(int64_t offset, std::string_view bytes, uint32_t crc32c) {
+  const std::lock_guard lock(turn_->mutex);
+  RETURN_IF_ERROR(CheckTurn());
+  const auto committed = std::pair("committed_size", absl::StrCat(written_));
+  if (offset != written_) {
+    return WithErrorInfo(absl::OutOfRangeError(absl::StrFormat(
+                             "write_offset = %d, but the upload stands at %d; go on from there", offset, written_)),
+                         {.reason = "OFFSET_MISMATCH", .metadata = {committed}});
+  }
+  if (static_cast<int64_t>(bytes.size()) > sequences_.limits_.max_chunk_bytes) {
+    return LimitExceeded("max_chunk_bytes", sequences_.limits_.max_chunk_bytes,
+                         absl::StrFormat("the message carries %d bytes, at most %d are allowed; send smaller pieces",
+                                         bytes.size(), sequences_.limits_.max_chunk_bytes));
+  }
+  if (static_cast<int64_t>(bytes.size()) > upload_.size_bytes - written_) {
+    return WithErrorInfo(
+        absl::OutOfRangeError(absl::StrFormat("%d bytes at %d go beyond the %d bytes that were announced", bytes.size(),
+                                              written_, upload_.size_bytes)),
+        {.reason = "OFFSET_MISMATCH", .metadata = {committed}});
+  }
+  if (const uint32_t actual = Crc32c(bytes); actual != crc32c) {
+    return WithErrorInfo(absl::DataLossError(absl::StrFormat(
+                             "crc32c of the %d bytes at %d is %08x, the message says %08x; send them again",
+                             bytes.size(), offset, actual, crc32c)),
+                         {.reason = "CHECKSUM_MISMATCH", .metadata = {committed}});
+  }
+  if (const absl::Status status = WriteToFiles(bytes); !status.ok()) {
+    // What arrived whole stays: it is what the client need not send again. If even that fails, committed_size says so.
+    Flush().IgnoreError();
+    return status;
+  }
+  return written_ - upload_.committed_size >= kFlushBytes ? Flush() : absl::OkStatus();
+}
+
+absl::Status UploadWriter::WriteToFiles(std::string_view bytes) {
+  while (true) {
+    // Files without bytes come into being on the way.
+    while (file_ < files_.size() && written_ == file_start_ + files_[file_].size_bytes) RETURN_IF_ERROR(CompleteFile());
+    if (bytes.empty()) return absl::OkStatus();
+    const UploadFile& file = files_[file_];
+    RETURN_IF_ERROR(ResumeHash());
+    const int64_t left = file_start_ + file.size_bytes - written_;
+    const std::string_view piece = bytes.substr(0, static_cast<size_t>(left));
+    RETURN_IF_ERROR(sequences_.blobs_.Write(upload_.sequence_id, file.path, written_ - file_start_, piece));
+    touched_ = true;
+    if (hash_) hash_->Update(piece);
+    written_ += static_cast<int64_t>(piece.size());
+    bytes.remove_prefix(piece.size());
+  }
+}
+
+absl::Status UploadWriter::ResumeHash() {
+  const UploadFile& file = files_[file_];
+  if (hash_ || file.sha256.empty()) return absl::OkStatus();
+  hash_.emplace();
+  const int64_t present = written_ - file_start_;
+  if (present == 0) return absl::OkStatus();
+  return sequences_.blobs_.Read(upload_.sequence_id, file.path, present,
+                                [this](std::string_view bytes) { hash_->Update(bytes); });
+}
+
+absl::Status UploadWriter::CompleteFile() {
+  const UploadFile& file = files_[file_];
+  if (file.size_bytes == 0) {
+    RETURN_IF_ERROR(sequences_.blobs_.Write(upload_.sequence_id, file.path, 0, {}));
+    touched_ = true;
+  }
+  RETURN_IF_ERROR(ResumeHash());
+  if (hash_ && hash_->Finish() != file.sha256) {
+    hash_.reset();
+    written_ = file_start_;
+    return WithErrorInfo(
+        absl::DataLossError(
+            absl::StrCat(file.path, ": its bytes do not have the announced sha256; send the file again")),
+        {.reason = "CHECKSUM_MISMATCH", .metadata = {{"path", file.path}, {"committed_size", absl::StrCat(written_)}}});
+  }
+  hash_.reset();
+  file_start_ += file.size_bytes;
+  ++file_;
+  return absl::OkStatus();
+}
+
+absl::Status UploadWriter::Flush() {
+  if (touched_) RETURN_IF_ERROR(sequences_.blobs_.MakeDurable());
+  touched_ = false;
+  if (written_ == upload_.committed_size) return absl::OkStatus();
+  RETURN_IF_ERROR(sequences_.store_.SetCommittedSize(upload_.id, written_));
+  upload_.committed_size = written_;
+  return absl::OkStatus();
+}
+
+absl::StatusOr<UploadRecord> UploadWriter::Close() {
+  const std::lock_guard lock(turn_->mutex);
+  RETURN_IF_ERROR(CheckTurn());
+  RETURN_IF_ERROR(Flush());
+  return upload_;
+}
+
+absl::StatusOr<UploadRecord> UploadWriter::Finish() {
+  const std::lock_guard lock(turn_->mutex);
+  RETURN_IF_ERROR(CheckTurn());
+  if (const absl::Status status = WriteToFiles({}); !status.ok()) {
+    Flush().IgnoreError();
+    return status;
+  }
+  RETURN_IF_ERROR(Flush());
+  ASSIGN_OR_RETURN(upload_, sequences_.store_.FinishUpload(upload_.id));
+  return upload_;
+}
+
+Sequences::Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work)
+    : store_(store), blobs_(blobs), limits_(limits), on_work_(std::move(on_work)) {}
+
+absl::StatusOr<SequenceRecord> Sequences::Create(std::string_view display_name, std::string_view request_id) {
+  return store_.CreateSequence(display_name, request_id);
+}
+
+absl::StatusOr<SequenceRecord> Sequences::Get(std::string_view id) { return store_.GetSequence(id); }
+
+absl::StatusOr<Page<SequenceRecord>> Sequences::List(const SequenceFilter& filter, const PageRequest& page) {
+  return store_.ListSequences(filter, page);
+}
+
+absl::Status Sequences::Delete(std::string_view id) {
+  // Rows first: a crash in between leaves files that nobody names, which the next start removes.
+  RETURN_IF_ERROR(store_.DeleteSequence(id));
+  return blobs_.Remove(id);
+}
+
+absl::StatusOr<UploadRecord> Sequences::StartUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
+                                                    std::string_view request_id) {
+  ASSIGN_OR_RETURN(const int64_t free_bytes, blobs_.FreeBytes());
+  const int64_t room_bytes = std::max<int64_t>(0, free_bytes - limits_.reserved_disk_bytes);
+  return store_.CreateUpload(sequence_id, files, room_bytes, request_id);
+}
+
+absl::StatusOr<UploadRecord> Sequences::GetUpload(std::string_view sequence_id, std::string_view upload_id) {
+  return store_.GetUpload(sequence_id, upload_id);
+}
+
+absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(std::string_view sequence_id,
+                                                                    std::string_view upload_id) {
+  // Asked before the turn exists, so that unknown ids leave nothing behind.
+  RETURN_IF_ERROR(store_.GetUpload(sequence_id, upload_id).status());
+  std::shared_ptr<UploadWriter::Turn> turn;
+  {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(turns_, [](const auto& entry) { return entry.second.expired(); });
+    std::weak_ptr<UploadWriter::Turn>& known = turns_[std::string(upload_id)];
+    turn = known.lock();
+    if (!turn) known = turn = std::make_shared<UploadWriter::Turn>();
+  }
+  // With the turn's mutex held the earlier writer is between two writes, and its last ones may still be undurable: they
+  // are written again, from the size that the store knows.
+  const std::lock_guard lock(turn->mutex);
+  ASSIGN_OR_RETURN(UploadRecord upload, store_.GetUpload(sequence_id, upload_id));
+  if (upload.finished) return WrongState("FINISHED", "the upload is finished and takes no more bytes");
+  ASSIGN_OR_RETURN(std::vector<UploadFile> files, store_.UploadFiles(upload_id));
+  const int64_t number = ++turn->number;
+  return std::unique_ptr<UploadWriter>(
+      new UploadWriter(*this, std::move(upload), std::move(files), std::move(turn), number));
+}
+
+absl::StatusOr<SequenceRecord> Sequences::Commit(std::string_view id) {
+  ASSIGN_OR_RETURN(SequenceRecord record, store_.CommitSequence(id));
+  on_work_();
+  return record;
+}
+
+}  // namespace depthtween::server

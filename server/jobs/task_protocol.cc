@@ -1,0 +1,167 @@
+#include "server/jobs/task_protocol.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "absl/strings/str_format.h"
+#include "nlohmann/json.hpp"
+
+namespace depthtween::server {
+namespace {
+
+using nlohmann::json;
+
+absl::Status Disagreement(std::string_view what) {
+  return absl::InternalError(absl::StrFormat(
+      "depthtween-core answered in a form this server does not know (%s); both must be of the same version",
+      std::string(what)));
+}
+
+absl::Status ToStatus(const json& value) {
+  const std::string name = value.at("code");
+  absl::StatusCode code = absl::StatusCode::kUnknown;
+  for (int candidate = 1; candidate <= 16; ++candidate) {
+    if (absl::StatusCodeToString(static_cast<absl::StatusCode>(candidate)) == name) {
+      code = static_cast<absl::StatusCode>(candidate);
+    }
+  }
+  return absl::Status(code, value.at("message").get<std::string>());
+}
+
+// Runs `read`, which may throw what nlohmann::json throws about missing members and wrong types.
+template <typename T, typename Read>
+absl::StatusOr<T> ReadJson(std::string_view text, const Read& read) {
+  try {
+    return read(json::parse(text));
+  } catch (const json::exception& error) {
+    return Disagreement(error.what());
+  }
+}
+
+Recording ToRecording(const json& value) {
+  const json& camera = value.at("camera");
+  const json& color = value.at("color");
+  const auto term = [&camera](const char* name) { return camera.value(name, 0.0); };
+  return {.camera = {.width = camera.at("width"),
+                     .height = camera.at("height"),
+                     .fx = camera.at("fx"),
+                     .fy = camera.at("fy"),
+                     .cx = camera.at("cx"),
+                     .cy = camera.at("cy"),
+                     .k1 = term("k1"),
+                     .k2 = term("k2"),
+                     .p1 = term("p1"),
+                     .p2 = term("p2"),
+                     .k3 = term("k3")},
+          .depth_scale = value.at("depth_scale"),
+          .color_frame_count = static_cast<int>(color.size()),
+          .depth_frame_count = static_cast<int>(value.at("depth").size()),
+          .first_time_ns = color.at(0).at("time_ns"),
+          .last_time_ns = color.at(color.size() - 1).at("time_ns"),
+          .median_depth_m = value.at("median_depth_m")};
+}
+
+bool IsPlainName(const std::string& name) {
+  return !name.empty() && name.size() <= 255 && name.front() != '.' && name.find('/') == std::string::npos &&
+         name.find('\0') == std::string::npos;
+}
+
+absl::StatusOr<JobPlan> CheckPlan(JobPlan plan) {
+  if (plan.intervals.empty()) return Disagreement("a plan without intervals");
+  int next_frame = 0;
+  for (size_t i = 0; i < plan.intervals.size(); ++i) {
+    const PlannedInterval& interval = plan.intervals[i];
+    if (interval.index != static_cast<int>(i) || interval.first_frame != next_frame || interval.frame_count < 1 ||
+        interval.frame_count > static_cast<int>(plan.frames.size()) - next_frame) {
+      return Disagreement(absl::StrCat("interval ", i, " does not follow the one before it"));
+    }
+    next_frame += interval.frame_count;
+  }
+  if (next_frame != static_cast<int>(plan.frames.size())) return Disagreement("frames that belong to no interval");
+  std::set<std::string_view> stems;
+  for (size_t i = 0; i < plan.frames.size(); ++i) {
+    const PlannedFrame& frame = plan.frames[i];
+    if (frame.index != static_cast<int>(i)) return Disagreement(absl::StrCat("frame ", i, " is not numbered so"));
+    if (!IsPlainName(frame.stem) || !stems.insert(frame.stem).second) {
+      return Disagreement(absl::StrCat("frame ", i, " has no name of its own"));
+    }
+  }
+  return plan;
+}
+
+}  // namespace
+
+std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths) {
+  std::vector<std::string> command = {
+      paths.program, "task", std::string(ToString(task.kind)), "--sequence", paths.sequence, "--progress-fd", "3"};
+  const auto add = [&command](const char* option, std::string value) {
+    command.emplace_back(option);
+    command.push_back(std::move(value));
+  };
+  if (task.kind == TaskKind::kValidate) return command;
+  add("--options", paths.options);
+  add("--constants", paths.constants);
+  if (task.kind == TaskKind::kIntervals) {
+    add("--first", absl::StrCat(task.first_interval));
+    add("--count", absl::StrCat(task.interval_count));
+  }
+  if (task.kind != TaskKind::kPrepare) add("--out", paths.out);
+  return command;
+}
+
+std::string OptionsJson(const UpsampleOptions& options) {
+  return json{{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}}.dump();
+}
+
+ProgressLine ParseProgressLine(std::string_view line) {
+  const absl::StatusOr<ProgressLine> parsed = ReadJson<ProgressLine>(line, [](const json& value) {
+    ProgressLine result;
+    if (value.contains("error")) {
+      result.error = ToStatus(value.at("error"));
+    } else if (value.contains("interval_done")) {
+      const double seconds = value.at("seconds");
+      // JSON has no infinity, but a double of it may overflow into one.
+      result.interval_done = {.interval = value.at("interval_done"),
+                              .seconds = std::isfinite(seconds) ? std::max(0.0, seconds) : 0.0};
+    } else if (value.contains("checked")) {
+      result.checked = {.checked = value.at("checked"), .of = value.at("of")};
+    } else if (value.contains("stage")) {
+      result.stage = value.at("stage").get<std::string>().substr(0, 64);
+    }
+    return result;
+  });
+  return parsed.ok() ? *parsed : ProgressLine{};
+}
+
+absl::StatusOr<ValidationResult> ParseValidation(std::string_view text) {
+  return ReadJson<ValidationResult>(text, [](const json& value) {
+    ValidationResult result;
+    result.warnings = value.at("warnings").get<std::vector<std::string>>();
+    for (const json& violation : value.at("violations")) {
+      result.violations.push_back({.file = violation.at("file"), .status = ToStatus(violation)});
+    }
+    if (value.at("ok").get<bool>()) result.recording = ToRecording(value);
+    return result;
+  });
+}
+
+absl::StatusOr<JobPlan> ParsePlan(std::string_view text) {
+  ASSIGN_OR_RETURN(
+      JobPlan plan, ReadJson<JobPlan>(text, [](const json& value) {
+        JobPlan read;
+        for (const json& interval : value.at("intervals")) {
+          read.intervals.push_back({.index = interval.at("index"),
+                                    .first_frame = interval.at("first_frame"),
+                                    .frame_count = interval.at("frame_count"),
+                                    .held = interval.at("held")});
+        }
+        for (const json& frame : value.at("frames")) {
+          read.frames.push_back({.index = frame.at("index"), .time_ns = frame.at("time_ns"), .stem = frame.at("stem")});
+        }
+        return read;
+      }));
+  return CheckPlan(std::move(plan));
+}
+
+}  // namespace depthtween::server

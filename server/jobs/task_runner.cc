@@ -1,0 +1,183 @@
+#include "server/jobs/task_runner.h"
+
+#include <set>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "absl/strings/strip.h"
+#include "server/jobs/child_process.h"
+#include "server/jobs/files.h"
+
+namespace depthtween::server {
+namespace {
+
+constexpr int64_t kMaxAnswerBytes = 256 << 20;  // a validation of 200,000 frames prints about 30 MB
+constexpr size_t kMaxViolations = 1000;         // what fits into one message, with room
+
+// Whether the same work may end better when it is tried again: after a crash, or when the machine was at fault; not
+// when the input is, or when a limit was hit that will be hit again.
+bool WorthRetrying(absl::StatusCode code) {
+  switch (code) {
+    case absl::StatusCode::kUnknown:
+    case absl::StatusCode::kInternal:
+    case absl::StatusCode::kUnavailable:
+    case absl::StatusCode::kAborted:
+    case absl::StatusCode::kCancelled:
+    case absl::StatusCode::kDeadlineExceeded:
+      return true;
+    default:
+      return false;
+  }
+}
+
+std::string IntervalReport(int interval) { return absl::StrFormat("/interval_%06d.json", interval); }
+
+// What went wrong with a child that did not end well, in its own words if it had any.
+absl::Status ChildError(const Task& task, const ChildOutcome& outcome, const std::optional<absl::Status>& said) {
+  const std::string what = absl::StrCat("task ", std::string(ToString(task.kind)));
+  if (said) return WithContext(*said, what);
+  const absl::string_view output = absl::StripAsciiWhitespace(outcome.error_output);
+  return absl::InternalError(
+      absl::StrCat(what, ": ", outcome.Describe(), output.empty() ? "" : absl::StrCat("; its last words: ", output)));
+}
+
+void LimitViolations(ValidationResult& result) {
+  if (result.violations.size() <= kMaxViolations) return;
+  result.warnings.push_back(absl::StrFormat("%d further files have violations that are not listed",
+                                            result.violations.size() - kMaxViolations));
+  result.violations.resize(kMaxViolations);
+}
+
+}  // namespace
+
+absl::Status TaskRunner::MoveInterval(const Task& task, const PlannedInterval& interval) {
+  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
+                   store_.JobFrames(task.job_id, interval.first_frame, interval.frame_count));
+  const std::string from = directory_.TaskFolder(task.number);
+  const std::string to = directory_.OutFolder(task.job_id);
+  for (const OutputSpec& output : AllOutputs()) {
+    if (!output.frames) continue;
+    const std::string folder = absl::StrCat("/", std::string(output.file_name), "/");
+    for (const FrameRecord& frame : frames) {
+      RETURN_IF_ERROR(MoveFile(from + folder + frame.stem + ".png", to + folder + frame.stem + ".png"));
+    }
+    RETURN_IF_ERROR(SyncFolder(to + folder));
+  }
+  RETURN_IF_ERROR(MoveFile(from + IntervalReport(interval.index), to + IntervalReport(interval.index)));
+  return SyncFolder(to);
+}
+
+TaskOutcome TaskRunner::Run(const Task& task, const UpsampleOptions& job_options, std::stop_token stop,
+                            const TaskEvents& events) {
+  // An error on our side of the work, such as a full disk, is judged as one of the child's.
+  const auto failed = [](const absl::Status& error) {
+    return TaskOutcome{.error = error, .retry = WorthRetrying(error.code())};
+  };
+  const std::string folder = directory_.TaskFolder(task.number);
+  const std::string job = directory_.JobFolder(task.job_id);
+  TaskPaths paths = {.program = options_.core_program,
+                     .sequence = directory_.SequenceFolder(task.sequence_id),
+                     .options = folder + "/options.json",
+                     .constants = job + "/constants.json"};
+  if (const absl::Status made = MakeFolder(folder); !made.ok()) return failed(made);
+  if (task.kind != TaskKind::kValidate) {
+    UpsampleOptions options = job_options;
+    if (options.threads == 0) options.threads = options_.default_threads;
+    if (const absl::Status written = WriteScratchFile(paths.options, OptionsJson(options)); !written.ok()) {
+      return failed(written);
+    }
+  }
+  if (task.kind == TaskKind::kPrepare) paths.constants = folder + "/constants.json";
+  if (task.kind == TaskKind::kIntervals) paths.out = folder;
+  if (task.kind == TaskKind::kAssemble) paths.out = directory_.OutFolder(task.job_id);
+
+  std::vector<PlannedInterval> intervals;
+  if (task.kind == TaskKind::kIntervals) {
+    absl::StatusOr<std::vector<PlannedInterval>> planned =
+        store_.JobIntervals(task.job_id, task.first_interval, task.interval_count);
+    if (!planned.ok()) return failed(planned.status());
+    intervals = *std::move(planned);
+  }
+  std::set<int> finished;
+  std::optional<absl::Status> said;
+  absl::Status ours;
+  const auto on_line = [&](std::string_view text) {
+    const ProgressLine line = ParseProgressLine(text);
+    if (line.stage) events.on_stage(*line.stage);
+    if (line.checked) events.on_checked(line.checked->checked, line.checked->of);
+    if (line.error) said = line.error;
+    if (line.interval_done) {
+      const int position = line.interval_done->interval - task.first_interval;
+      if (position < 0 || position >= static_cast<int>(intervals.size())) {
+        ours = absl::InternalError(absl::StrFormat("depthtween-core finished interval %d, which it was not given",
+                                                   line.interval_done->interval));
+        return false;
+      }
+      const PlannedInterval& interval = intervals[static_cast<size_t>(position)];
+      if (!finished.insert(interval.index).second) return true;
+      ours = MoveInterval(task, interval);
+      if (ours.ok()) ours = events.on_interval(interval, line.interval_done->seconds);
+    }
+    return ours.ok();
+  };
+
+  const absl::StatusOr<ChildOutcome> child = RunChild({.arguments = TaskCommand(task, paths),
+                                                       .folder = folder,
+                                                       .memory_bytes = options_.child_memory_bytes,
+                                                       .file_bytes = options_.child_file_bytes,
+                                                       .grace = options_.grace},
+                                                      stop, on_line);
+  if (!child.ok()) return failed(WithContext(child.status(), "start of depthtween-core"));
+  if (!ours.ok()) return failed(ours);
+  if (child->stopped) return {.error = absl::CancelledError("the task was stopped"), .stopped = true};
+  if (child->exit_code != 0) return failed(ChildError(task, *child, said));
+
+  TaskOutcome outcome;
+  switch (task.kind) {
+    case TaskKind::kValidate: {
+      const absl::StatusOr<std::string> answer = ReadWholeFile(folder + "/stdout", kMaxAnswerBytes);
+      if (!answer.ok()) return failed(answer.status());
+      absl::StatusOr<ValidationResult> result = ParseValidation(*answer);
+      if (!result.ok()) return failed(result.status());
+      LimitViolations(*result);
+      outcome.validation = *std::move(result);
+      return outcome;
+    }
+    case TaskKind::kPrepare: {
+      const absl::StatusOr<std::string> answer = ReadWholeFile(paths.constants, kMaxAnswerBytes);
+      if (!answer.ok()) return failed(answer.status());
+      absl::StatusOr<JobPlan> plan = ParsePlan(*answer);
+      if (!plan.ok()) return failed(plan.status());
+      // Everything that later tasks find on the disk is durable before the plan is recorded.
+      const auto keep = [&]() -> absl::Status {
+        for (const OutputSpec& output : AllOutputs()) {
+          if (output.frames) {
+            RETURN_IF_ERROR(
+                MakeFolder(absl::StrCat(directory_.OutFolder(task.job_id), "/", std::string(output.file_name))));
+          }
+        }
+        RETURN_IF_ERROR(MoveFile(paths.constants, job + "/constants.json"));
+        for (const std::string& changed : {directory_.OutFolder(task.job_id), job, directory_.JobsFolder()}) {
+          RETURN_IF_ERROR(SyncFolder(changed));
+        }
+        return absl::OkStatus();
+      };
+      if (const absl::Status kept = keep(); !kept.ok()) return failed(kept);
+      outcome.plan = *std::move(plan);
+      return outcome;
+    }
+    case TaskKind::kIntervals:
+      if (finished.size() != intervals.size()) {
+        return failed(absl::InternalError(absl::StrFormat("depthtween-core ended well with %d of %d intervals done",
+                                                          finished.size(), intervals.size())));
+      }
+      return outcome;
+    case TaskKind::kAssemble:
+      if (const absl::Status synced = SyncFolder(paths.out); !synced.ok()) return failed(synced);
+      return outcome;
+  }
+  return outcome;
+}
+
+}  // namespace depthtween::server

@@ -1,0 +1,55 @@
+// Runs one task in a child process and makes what it finishes durable.
+#ifndef DEPTHTWEEN_SERVER_JOBS_TASK_RUNNER_H_
+#define DEPTHTWEEN_SERVER_JOBS_TASK_RUNNER_H_
+
+#include <functional>
+#include <optional>
+#include <stop_token>
+#include <string_view>
+
+#include "core/base/status.h"
+#include "server/jobs/job_manager.h"
+#include "server/jobs/task_protocol.h"
+#include "server/store/data_directory.h"
+#include "server/store/records.h"
+
+namespace depthtween::server {
+
+// How an attempt ended.
+struct TaskOutcome {
+  absl::Status error;                          // OK: the child did all it was told to
+  bool stopped = false;                        // because it was told to stop: nobody's fault
+  bool retry = false;                          // the error may go away by itself
+  std::optional<ValidationResult> validation;  // of a validate task that ended well
+  std::optional<JobPlan> plan;                 // of a prepare task that ended well
+};
+
+// What the runner tells while the child runs, on the runner's thread.
+struct TaskEvents {
+  std::function<void(std::string_view stage)> on_stage;
+  std::function<void(int checked, int of)> on_checked;
+  // The frames of one interval are in the job's out folder, durable. An error stops the child.
+  std::function<absl::Status(const PlannedInterval& interval, double seconds)> on_interval;
+};
+
+class TaskRunner {
+ public:
+  // Borrows `directory` and `store`.
+  TaskRunner(const DataDirectory& directory, Store& store, const JobManagerOptions& options)
+      : directory_(directory), store_(store), options_(options) {}
+
+  // Returns when the child has ended. `job_options` is for all but validate tasks.
+  // Threads: may be called concurrently, for different tasks. The child dies with the calling thread.
+  TaskOutcome Run(const Task& task, const UpsampleOptions& job_options, std::stop_token stop, const TaskEvents& events);
+
+ private:
+  absl::Status MoveInterval(const Task& task, const PlannedInterval& interval);
+
+  const DataDirectory& directory_;
+  Store& store_;
+  const JobManagerOptions options_;
+};
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_JOBS_TASK_RUNNER_H_
