@@ -63,6 +63,7 @@ int Main(int argc, const char* const* argv) {
   app.set_version_flag("--version", "depthtween-core " DEPTHTWEEN_VERSION);
   app.require_subcommand(1);
   app.get_formatter()->column_width(34);
+  AddSynthCommand(app, &exit_code);
   AddUpsampleCommand(app, &exit_code);
   AddTaskCommand(app, &exit_code);
   try {

@@ -1,0 +1,172 @@
+// depthtween-core synth: a recording of a rendered scene, with all truth.
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "core/base/parallel.h"
+#include "core/synthetic/synthetic_sequence.h"
+#include "core/tools/commands.h"
+#include "core/tools/signals.h"
+
+namespace depthtween::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct SynthArguments {
+  SyntheticOptions options;
+  std::string out, size = "512x424", noise = "kinect2";
+  double depth_phase_ms = 0.0, time_offset_ms = 0.0;
+  int threads = AvailableThreads();
+  bool no_truth = false, force = false;
+};
+
+// One line on stderr: redrawn on a terminal, now and then elsewhere.
+class RenderCounter {
+ public:
+  void Show(int done, int total) {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - shown_ < (terminal_ ? std::chrono::milliseconds(100) : std::chrono::milliseconds(5000))) return;
+    shown_ = now;
+    std::cerr << (terminal_ ? "\r" : "") << absl::StrFormat("rendered %d of %d frames", done, total)
+              << (terminal_ ? "" : "\n") << std::flush;
+    drawn_ = true;
+  }
+  ~RenderCounter() {
+    if (terminal_ && drawn_) std::cerr << "\r\x1b[K" << std::flush;
+  }
+
+ private:
+  const bool terminal_ = isatty(STDERR_FILENO) != 0;
+  bool drawn_ = false;
+  std::chrono::steady_clock::time_point shown_ = std::chrono::steady_clock::now();
+};
+
+// "WxH" into options.width and options.height.
+absl::Status ParseSize(const std::string& text, SyntheticOptions& options) {
+  int used = 0;
+  if (std::sscanf(text.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
+      used != static_cast<int>(text.size()))
+    return absl::InvalidArgumentError(
+        absl::StrFormat("--size = '%s', must be width x height in pixels, such as 512x424", text));
+  return absl::OkStatus();
+}
+
+// Makes sure that `out` may be written to: new, empty, or with `force` an earlier recording, whose parts are removed so
+// that no frame of it survives among the new ones. Everything else in the folder stays.
+absl::Status ClearOutput(const std::string& out, bool force) {
+  std::error_code error;
+  if (!fs::exists(out, error) || (fs::is_directory(out, error) && fs::is_empty(out, error))) return absl::OkStatus();
+  if (!fs::is_directory(out, error)) return absl::InvalidArgumentError(absl::StrCat(out, " is not a folder"));
+  if (!force)
+    return absl::AlreadyExistsError(
+        absl::StrCat(out, " is not empty: name another folder, or use --force to replace the recording in it"));
+  for (const char* part :
+       {"rgb.txt", "depth.txt", "depth_clean.txt", "camera.json", "rgb", "depth", "depth_clean", "gt"}) {
+    const fs::path path = fs::path(out) / part;
+    fs::remove_all(path, error);
+    if (error) return ErrnoStatus(error.value(), "removing " + path.string());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Synth(const SynthArguments& arguments) {
+  StopOnSignals signals;
+  SyntheticOptions options = arguments.options;
+  RETURN_IF_ERROR(ParseSize(arguments.size, options));
+  ASSIGN_OR_RETURN(options.sensor, SensorByName(arguments.noise));
+  options.depth_phase_s = 1e-3 * arguments.depth_phase_ms;
+  options.depth_clock.offset_s = 1e-3 * arguments.time_offset_ms;
+  // Everything wrong with the options is said before anything is removed.
+  RETURN_IF_ERROR(SyntheticSequence::Create(options).status());
+  RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
+
+  int frames = 0;
+  {
+    RenderCounter counter;
+    RETURN_IF_ERROR(WriteSyntheticSequence(options, arguments.out,
+                                           {.truth = !arguments.no_truth,
+                                            .threads = arguments.threads,
+                                            .stop = signals.token(),
+                                            .on_progress = [&](int done, int total) {
+                                              frames = total;
+                                              counter.Show(done, total);
+                                            }}));
+  }
+  std::cout << absl::StrFormat("%s: %d colour frames at %g fps and %d depth frames at %g fps, %dx%d%s\n", arguments.out,
+                               options.frames, options.color_fps, frames - options.frames, options.depth_fps,
+                               options.width, options.height, arguments.no_truth ? "" : ", with truth in gt/");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddSynthCommand(CLI::App& app, int* exit_code) {
+  auto arguments = std::make_shared<SynthArguments>();
+  SyntheticOptions& options = arguments->options;
+  CLI::App* const command = app.add_subcommand("synth", "Render a recording of a scene, with exact truth");
+  std::vector<std::string> names;
+  std::string footer = "Scenes:\n";
+  for (const SceneInfo& scene : SceneList()) {
+    names.emplace_back(scene.name);
+    absl::StrAppendFormat(&footer, "  %-10s %s\n", std::string(scene.name), std::string(scene.phrase));
+  }
+  absl::StrAppend(
+      &footer,
+      "\n"
+      "SEQ gets rgb/ and depth/ as two cameras record them, depth_clean/ without noise, and gt/ with exact\n"
+      "depth, flow, scene flow, occlusion and objects.\n"
+      "\n"
+      "Example:  depthtween-core synth kick -o kick\n"
+      "Example:  depthtween-core synth pan -o pan --frames 65 --noise none --size 256x212\n");
+  command->footer(footer);
+  command->add_option("scene", options.scene, "Which scene: " + absl::StrJoin(names, ", "))
+      ->required()
+      ->check(CLI::IsMember(names))
+      ->type_name("SCENE");
+  command->add_option("-o,--out", arguments->out, "Folder to write the recording to")->required()->type_name("SEQ");
+  command->add_option("--frames", options.frames, "Colour frames")->capture_default_str()->type_name("N");
+  command->add_option("--color-fps", options.color_fps, "Colour frames per second")
+      ->capture_default_str()
+      ->type_name("FPS");
+  command->add_option("--depth-fps", options.depth_fps, "Depth frames per second; the ratio need not be whole")
+      ->capture_default_str()
+      ->type_name("FPS");
+  command->add_option("--size", arguments->size, "Width and height in pixels")->capture_default_str()->type_name("WxH");
+  command->add_option("--noise", arguments->noise, "Which sensor: kinect2, or none for perfect frames")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"kinect2", "none"}))
+      ->type_name("NAME");
+  command->add_option("--seed", options.seed, "Of textures, clutter and noise")->capture_default_str()->type_name("S");
+  command
+      ->add_option("--depth-phase-ms", arguments->depth_phase_ms, "First depth frame this long after the first colour")
+      ->capture_default_str()
+      ->type_name("MS");
+  command
+      ->add_option("--time-offset-ms", arguments->time_offset_ms,
+                   "What the depth camera's clock shows when the colour camera's shows 0")
+      ->capture_default_str()
+      ->type_name("MS");
+  command
+      ->add_option("--drift-ppm", options.depth_clock.drift_ppm,
+                   "Microseconds a second that the depth camera's clock gains")
+      ->capture_default_str()
+      ->type_name("PPM");
+  command->add_option("--threads", arguments->threads, "Threads to use; the files do not depend on it")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 1024))
+      ->type_name("N");
+  command->add_flag("--no-truth", arguments->no_truth, "Only what the cameras record: no gt/, no depth_clean/");
+  command->add_flag("--force", arguments->force, "Replace the recording in SEQ");
+  command->callback([=] { *exit_code = ReportStatus(Synth(*arguments)); });
+}
+
+}  // namespace depthtween::tools
