@@ -65,6 +65,8 @@ int Main(int argc, const char* const* argv) {
   app.get_formatter()->column_width(34);
   AddSynthCommand(app, &exit_code);
   AddUpsampleCommand(app, &exit_code);
+  AddEvaluateCommand(app, &exit_code);
+  AddPreviewCommand(app, &exit_code);
   AddTaskCommand(app, &exit_code);
   try {
     app.parse(argc, argv);

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <deque>
+#include <functional>
+#include <future>
 #include <map>
 #include <opencv2/core/version.hpp>
 #include <utility>
@@ -38,6 +41,42 @@ json IntervalToJson(const Interval& interval) {
           {"frame_count", interval.frame_count},
           {"held", interval.Held()}};
 }
+
+// Writes frames side by side: packing and syncing three PNGs takes a good part of the time that computing them does.
+// At most `limit` are in flight, which bounds memory. Frames are told of in the order they came.
+class FrameQueue {
+ public:
+  FrameQueue(const ResultWriter& writer, int limit, std::function<void(int frame)> on_written)
+      : writer_(writer), limit_(static_cast<size_t>(limit)), on_written_(std::move(on_written)) {}
+
+  // Waits while the queue is full; the error may be an earlier frame's.
+  absl::Status Write(DepthResult result) {
+    if (in_flight_.size() == limit_) RETURN_IF_ERROR(AwaitFirst());
+    const int frame = result.color_index;
+    in_flight_.emplace_back(
+        frame, std::async(std::launch::async, [this, result = std::move(result)] { return writer_.Write(result); }));
+    return absl::OkStatus();
+  }
+
+  absl::Status Finish() {
+    while (!in_flight_.empty()) RETURN_IF_ERROR(AwaitFirst());
+    return absl::OkStatus();
+  }
+
+ private:
+  absl::Status AwaitFirst() {
+    const int frame = in_flight_.front().first;
+    const absl::Status written = in_flight_.front().second.get();
+    in_flight_.pop_front();
+    if (written.ok()) on_written_(frame);
+    return written;
+  }
+
+  const ResultWriter& writer_;
+  const size_t limit_;
+  const std::function<void(int)> on_written_;
+  std::deque<std::pair<int, std::future<absl::Status>>> in_flight_;  // futures of std::async wait when destroyed
+};
 
 }  // namespace
 
@@ -179,20 +218,18 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
   std::vector<IntervalReport> reports;
   for (int i = first; i < first + count; ++i) {
     const auto start = Clock::now();
-    double write_seconds = 0.0;
+    FrameQueue queue(writer, threads, [&](int frame) { observer.OnFrame(i, frame); });
     const RunContext context{
         .threads = threads, .stop = stop, .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
     const auto sink = [&](DepthResult result) -> absl::Status {
       if (stop.stop_requested()) return absl::CancelledError("stopped");
-      const auto write_start = Clock::now();
-      RETURN_IF_ERROR(writer.Write(result));
-      write_seconds += SecondsSince(write_start);
-      observer.OnFrame(i, result.color_index);
-      return absl::OkStatus();
+      return queue.Write(std::move(result));
     };
     IntervalReport report{.index = i};
     ASSIGN_OR_RETURN(report.summary, upsampler.Run(source, plan.constants, plan.intervals[i], context, sink));
-    report.summary.stage_seconds["write"] += write_seconds;
+    const auto computed = Clock::now();
+    RETURN_IF_ERROR(queue.Finish());
+    report.summary.stage_seconds["write"] += SecondsSince(computed);
     report.seconds = SecondsSince(start);
     RETURN_IF_ERROR(observer.OnIntervalDone(report));
     reports.push_back(std::move(report));

@@ -59,7 +59,7 @@ nlohmann::json ToJson(const ClipConstants& constants);
 // What became of one interval.
 struct IntervalReport {
   int index = -1;
-  double seconds = 0.0;  // wall time, writing included
+  double seconds = 0.0;  // wall time, writing included; stages add "write", what was left to wait for
   IntervalSummary summary;
 };
 

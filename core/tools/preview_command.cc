@@ -1,0 +1,182 @@
+#include <algorithm>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_format.h"
+#include "core/io/png.h"
+#include "core/io/result_folder.h"
+#include "core/io/sequence_folder.h"
+#include "core/io/video.h"
+#include "core/sequence/interval.h"
+#include "core/tools/commands.h"
+#include "core/tools/preview.h"
+#include "core/tools/signals.h"
+#include "core/tools/upsample_run.h"
+
+namespace depthtween::tools {
+namespace {
+
+constexpr int kVideoFramesPerSecond = 30;  // 240 fps shown at this speed is slow motion by 8: every frame can be seen
+constexpr int kSheetColumns = 5;
+
+struct PreviewArguments {
+  std::string result, file, sequence;
+  int frame = -1;
+};
+
+// A result beside the recording it was made from.
+struct Clip {
+  ResultFolder result;
+  std::unique_ptr<SequenceFolder> recording;
+  Sequence input;  // the recording as the upsampling saw it: without the depth frames it left out
+  PreviewRange range;
+
+  int frame_count() const { return static_cast<int>(input.color.size()); }
+  int64_t start_ns() const { return input.color.front().time_ns; }
+};
+
+absl::StatusOr<Clip> OpenClip(const PreviewArguments& arguments) {
+  ASSIGN_OR_RETURN(ResultFolder result, ResultFolder::Open(arguments.result));
+  std::string sequence_dir = arguments.sequence;
+  PreviewRange range;
+  UpsampleOptions options;
+  try {
+    const nlohmann::json& report = result.report();
+    if (sequence_dir.empty()) sequence_dir = report.at("sequence").get<std::string>();
+    range = {.near_m = report.at("constants").at("preview_near_m").get<float>(),
+             .far_m = report.at("constants").at("preview_far_m").get<float>()};
+    ASSIGN_OR_RETURN(options, ParseUpsampleOptions(report.at("options").dump()));
+  } catch (const nlohmann::json::exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat(arguments.result, "/report.json: ", error.what()));
+  }
+  if (!(range.near_m > 0 && range.near_m < range.far_m))
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s/report.json: preview range %g to %g m, must be positive and ascending", arguments.result,
+                        range.near_m, range.far_m));
+  auto recording = SequenceFolder::Open(sequence_dir);
+  if (!recording.ok())
+    return WithContext(recording.status(), "the recording with the colour frames (name it with --sequence)");
+  Sequence input = KeepEveryNthDepth((*recording)->sequence(), options.key_every);
+  const auto same = [](const FrameRef& a, const FrameRef& b) { return a.time_ns == b.time_ns && a.Stem() == b.Stem(); };
+  if (!std::equal(input.color.begin(), input.color.end(), result.frames().begin(), result.frames().end(), same))
+    return absl::InvalidArgumentError(absl::StrFormat("%s was not made from the recording %s: name it with --sequence",
+                                                      arguments.result, sequence_dir));
+  return Clip{std::move(result), *std::move(recording), std::move(input), range};
+}
+
+absl::StatusOr<PreviewFrame> ReadFrame(const Clip& clip, int index) {
+  PreviewFrame frame{.index = index, .time_ns = clip.input.color[index].time_ns - clip.start_ns()};
+  ASSIGN_OR_RETURN(frame.color, clip.recording->Color(index));
+  ASSIGN_OR_RETURN(frame.depth_m, clip.result.Depth(index));
+  ASSIGN_OR_RETURN(frame.sigma_m, clip.result.Sigma(index));
+  ASSIGN_OR_RETURN(const Image<Provenance> provenance, clip.result.ProvenanceAt(index));
+  const auto any = [&](Provenance wanted) {
+    return std::find(provenance.data(), provenance.data() + provenance.pixel_count(), wanted) !=
+           provenance.data() + provenance.pixel_count();
+  };
+  // The result is the witness: a colour frame next to a depth frame in time is one only if the upsampler took it so.
+  if (any(Provenance::kHeld))
+    frame.kind = FrameKind::kHeld;
+  else if (any(Provenance::kMeasured))
+    frame.kind = FrameKind::kKey;
+  return frame;
+}
+
+// Frames of one interval, its first and the one after its last included, evenly spread: the one with frame `wanted` in
+// it, else the two-key interval in the middle of the clip.
+std::vector<int> ChooseFrames(const Clip& clip, int wanted) {
+  const std::vector<Interval> intervals = PlanIntervals(clip.input);
+  if (wanted < 0) {
+    std::vector<Interval> between;
+    std::copy_if(intervals.begin(), intervals.end(), std::back_inserter(between),
+                 [](const Interval& interval) { return !interval.Held(); });
+    const std::vector<Interval>& candidates = between.empty() ? intervals : between;
+    wanted = candidates[candidates.size() / 2].first_frame;
+  }
+  const Interval& interval = *std::find_if(intervals.begin(), intervals.end(), [&](const Interval& candidate) {
+    return wanted < candidate.first_frame + candidate.frame_count;
+  });
+  const int first = interval.first_frame;
+  const int last = std::min(first + interval.frame_count, clip.frame_count() - 1);
+  const int columns = std::min(kSheetColumns, last - first + 1);
+  std::vector<int> frames;
+  for (int i = 0; i < columns; ++i) frames.push_back(columns == 1 ? first : first + (last - first) * i / (columns - 1));
+  return frames;
+}
+
+absl::Status WriteSheet(const Clip& clip, const PreviewArguments& arguments) {
+  std::vector<PreviewFrame> frames;
+  for (const int index : ChooseFrames(clip, arguments.frame)) {
+    ASSIGN_OR_RETURN(frames.emplace_back(), ReadFrame(clip, index));
+  }
+  const Image<Rgb8> sheet = DrawContactSheet(frames, clip.range);
+  RETURN_IF_ERROR(WritePngRgb8(arguments.file, sheet));
+  std::cout << absl::StrFormat("%s: frames %d to %d, %d x %d\n", arguments.file, frames.front().index,
+                               frames.back().index, sheet.width(), sheet.height());
+  return absl::OkStatus();
+}
+
+absl::Status WriteVideo(const Clip& clip, const PreviewArguments& arguments, std::stop_token stop) {
+  PreviewTimeline timeline{.duration_ns = std::max<int64_t>(1, clip.input.color.back().time_ns - clip.start_ns())};
+  for (const FrameRef& key : clip.input.depth) timeline.key_times_ns.push_back(key.time_ns - clip.start_ns());
+  std::optional<VideoWriter> video;
+  for (int i = 0; i < clip.frame_count(); ++i) {
+    if (stop.stop_requested()) return absl::CancelledError("stopped; no video was written");
+    ASSIGN_OR_RETURN(const PreviewFrame frame, ReadFrame(clip, i));
+    const Image<Rgb8> picture = DrawVideoFrame(frame, timeline, clip.range);
+    if (!video) {
+      ASSIGN_OR_RETURN(video,
+                       VideoWriter::Create(arguments.file, picture.width(), picture.height(), kVideoFramesPerSecond));
+    }
+    RETURN_IF_ERROR(video->Write(picture));
+  }
+  RETURN_IF_ERROR(video->Finish());
+  const double shown_seconds = static_cast<double>(clip.frame_count()) / kVideoFramesPerSecond;
+  std::cout << absl::StrFormat("%s: %d frames at %d per second (%.3g times real time), %s\n", arguments.file,
+                               clip.frame_count(), kVideoFramesPerSecond,
+                               static_cast<double>(timeline.duration_ns) * 1e-9 / shown_seconds, video->encoder());
+  return absl::OkStatus();
+}
+
+absl::Status Preview(const PreviewArguments& arguments) {
+  StopOnSignals signals;
+  const bool is_video = absl::EndsWithIgnoreCase(arguments.file, ".mp4");
+  if (!is_video && !absl::EndsWithIgnoreCase(arguments.file, ".png"))
+    return absl::InvalidArgumentError(absl::StrFormat("-o %s: must end in .png or .mp4", arguments.file));
+  if (is_video && arguments.frame >= 0)
+    return absl::InvalidArgumentError("--frame chooses what a .png shows; a .mp4 shows every frame");
+  ASSIGN_OR_RETURN(const Clip clip, OpenClip(arguments));
+  if (arguments.frame >= clip.frame_count())
+    return absl::InvalidArgumentError(
+        absl::StrFormat("--frame %d: the clip has frames 0 to %d", arguments.frame, clip.frame_count() - 1));
+  return is_video ? WriteVideo(clip, arguments, signals.token()) : WriteSheet(clip, arguments);
+}
+
+}  // namespace
+
+void AddPreviewCommand(CLI::App& app, int* exit_code) {
+  auto arguments = std::make_shared<PreviewArguments>();
+  CLI::App* const command = app.add_subcommand("preview", "Show a result: colour, depth and uncertainty side by side");
+  command->footer(
+      "A .png shows frames from one depth frame to the next; a .mp4 shows every frame, at 30 per second.\n"
+      "A colour stands for the same distance in the whole clip.\n"
+      "\n"
+      "Example:  depthtween-core preview result -o result.png\n"
+      "Example:  depthtween-core preview result -o result.mp4\n");
+  command->add_option("result", arguments->result, "Folder that upsample wrote")->required()->type_name("OUT");
+  command->add_option("-o,--out", arguments->file, "Picture (.png) or video (.mp4) to write")
+      ->required()
+      ->type_name("FILE");
+  command->add_option("--sequence", arguments->sequence, "The recording, if it is no longer where upsample read it")
+      ->type_name("SEQ");
+  command->add_option("--frame", arguments->frame, "Show the interval with this frame [the middle one]")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("N");
+  command->callback([=] { *exit_code = ReportStatus(Preview(*arguments)); });
+}
+
+}  // namespace depthtween::tools
