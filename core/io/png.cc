@@ -96,7 +96,7 @@ std::string KindName(int bit_depth, int color_type) {
       color = "palette";
       break;
   }
-  return absl::StrFormat("%d-bit %s PNG", bit_depth, color);
+  return absl::StrFormat("%d-bit %s", bit_depth, color);
 }
 
 absl::StatusOr<Header> ParseHeader(std::string_view bytes, const ImageLimits& limits) {
@@ -190,11 +190,11 @@ template <typename T>
 absl::StatusOr<Image<T>> DecodeExactly(std::string_view bytes, const ImageLimits& limits, int bit_depth,
                                        int color_type) {
   if (LooksLikeJpeg(bytes))
-    return absl::InvalidArgumentError(absl::StrFormat("is a JPEG, must be a %s", KindName(bit_depth, color_type)));
+    return absl::InvalidArgumentError(absl::StrFormat("is a JPEG, must be a PNG, %s", KindName(bit_depth, color_type)));
   ASSIGN_OR_RETURN(const Header header, ParseHeader(bytes, limits));
   if (header.bit_depth != bit_depth || header.color_type != color_type)
     return absl::InvalidArgumentError(absl::StrFormat(
-        "is a %s, must be a %s", KindName(header.bit_depth, header.color_type), KindName(bit_depth, color_type)));
+        "is %s, must be %s", KindName(header.bit_depth, header.color_type), KindName(bit_depth, color_type)));
   return DecodePixels<T>(bytes, header, /*to_rgb8=*/false);
 }
 
