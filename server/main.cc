@@ -1,0 +1,225 @@
+// depthtween-server: flags -> options, signals, order of starting and stopping.
+#include <signal.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "core/base/parallel.h"
+#include "core/base/status.h"
+#include "core/io/file.h"
+#include "server/jobs/job_manager.h"
+#include "server/jobs/sequences.h"
+#include "server/rpc/health_check.h"
+#include "server/rpc/rpc_server.h"
+#include "server/store/data_directory.h"
+#include "server/store/folder_blob_store.h"
+#include "server/store/limits.h"
+#include "server/store/sqlite_store.h"
+#include "server/telemetry/health.h"
+#include "server/telemetry/log.h"
+
+namespace depthtween::server {
+namespace {
+
+constexpr char kVersion[] = "depthtween-server " DEPTHTWEEN_VERSION;
+const std::map<std::string, LogLevel> kLogLevels = {{"debug", LogLevel::kDebug},
+                                                    {"info", LogLevel::kInfo},
+                                                    {"warning", LogLevel::kWarning},
+                                                    {"error", LogLevel::kError}};
+constexpr int kExitOk = 0, kExitFailed = 1, kExitUsage = 2;
+
+// Streams end by themselves at once; this is for clients that do not read, and for calls at work on the disk.
+constexpr absl::Duration kStopPatience = absl::Seconds(2);
+
+struct ServeOptions {
+  std::string data_dir;
+  std::string port_file;
+  RpcServerOptions rpc;
+  JobManagerOptions jobs;
+  Limits limits;
+  LogOptions log;
+};
+
+// Blocks SIGINT and SIGTERM for this thread and all threads it starts, so that Wait() gets them.
+class StopSignals {
+ public:
+  StopSignals() {
+    sigemptyset(&signals_);
+    sigaddset(&signals_, SIGINT);
+    sigaddset(&signals_, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, &signals_, &before_);
+    signal(SIGPIPE, SIG_IGN);  // a client or a child that hangs up is an error of its write, not our end
+  }
+
+  // Returns the first one. A second one ends the process at once: somebody does not want to wait.
+  int Wait() const {
+    int number = 0;
+    while (sigwait(&signals_, &number) != 0) {
+    }
+    pthread_sigmask(SIG_SETMASK, &before_, nullptr);
+    return number;
+  }
+
+ private:
+  sigset_t signals_{};
+  sigset_t before_{};
+};
+
+std::string CoreBesideThisProgram() {
+  std::error_code error;
+  const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
+  return (self.parent_path() / "depthtween-core").string();
+}
+
+std::string BoundAddress(const RpcServerOptions& options, int port) {
+  if (options.listen.rfind("unix:", 0) == 0) return options.listen;
+  return absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
+}
+
+absl::Status Serve(const ServeOptions& options) {
+  const StopSignals stop_signals;
+  ConfigureLog(options.log);
+  RETURN_IF_ERROR(options.rpc.Validate());
+
+  // Each borrows those above it, and goes before them.
+  ASSIGN_OR_RETURN(const std::unique_ptr<DataDirectory> directory, DataDirectory::Open(options.data_dir));
+  ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenSqliteStore(directory->DatabaseFile(), options.limits));
+  const std::unique_ptr<BlobStore> blobs = MakeFolderBlobStore(*directory);
+  ASSIGN_OR_RETURN(const std::unique_ptr<JobManager> jobs, JobManager::Start(*directory, *store, options.jobs));
+  Sequences sequences(*store, *blobs, options.limits, [&jobs] { jobs->Wake(); });
+  Health health;
+  ASSIGN_OR_RETURN(const std::unique_ptr<RpcServer> server,
+                   RpcServer::Start(options.rpc, options.limits, sequences, *jobs, health));
+
+  const std::string address = BoundAddress(options.rpc, server->port());
+  if (!options.port_file.empty()) RETURN_IF_ERROR(WriteFile(options.port_file, absl::StrCat(server->port(), "\n")));
+  absl::PrintF("%s ready on %s: %d workers, data in %s\n", kVersion, address, jobs->workers(), directory->path());
+  std::fflush(stdout);
+  LogInfo("ready", {{"version", DEPTHTWEEN_VERSION},
+                    {"address", address},
+                    {"workers", absl::StrCat(jobs->workers())},
+                    {"data_dir", directory->path()}});
+  if (options.rpc.insecure_listen_anywhere) {
+    LogWarning("open_to_everyone", {{"address", address}, {"why", "there is no TLS and there are no tokens"}});
+  }
+
+  const int signal_number = stop_signals.Wait();
+  LogInfo("stopping", {{"signal", strsignal(signal_number)}});
+  server->Stop(kStopPatience);
+  return absl::OkStatus();  // the destructors end the children and close the store
+}
+
+void AddServeCommand(CLI::App& app, ServeOptions& options) {
+  CLI::App* command = app.add_subcommand("serve", "Serve until SIGTERM or SIGINT.");
+  command->add_option("--data-dir", options.data_dir, "Folder for recordings, jobs and results; made if missing")
+      ->required();
+  command->add_option("--listen", options.rpc.listen, "HOST:PORT (port 0: any free one) or unix:PATH")
+      ->capture_default_str();
+  command->add_option("--port-file", options.port_file, "Write the bound port to this file once ready");
+  command->add_flag("--insecure-listen-anywhere", options.rpc.insecure_listen_anywhere,
+                    "Listen on other than loopback addresses although there is no TLS and there are no tokens yet: "
+                    "whoever reaches the port may read and delete everything");
+  command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")->capture_default_str();
+  command->add_option("--threads", options.jobs.default_threads, "Threads of a task whose job leaves it to the server")
+      ->capture_default_str();
+  command->add_option("--core-binary", options.jobs.core_program, "The depthtween-core that runs the tasks")
+      ->capture_default_str();
+
+  const std::string limits = "Limits";
+  const auto size = CLI::AsSizeValue(/*kb_is_1000=*/false);
+  command->add_option("--max-sequence-bytes", options.limits.max_sequence_bytes, "Of one recording (20000000000, 20GB)")
+      ->transform(size)
+      ->capture_default_str()
+      ->group(limits);
+  command->add_option("--max-files-per-sequence", options.limits.max_files_per_sequence, "Of one recording")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str()
+      ->group(limits);
+  command->add_option("--max-queued-jobs", options.limits.max_queued_jobs, "Jobs that wait")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str()
+      ->group(limits);
+  command
+      ->add_option("--reserved-disk-bytes", options.limits.reserved_disk_bytes,
+                   "Uploads that would leave less free are refused")
+      ->transform(size)
+      ->capture_default_str()
+      ->group(limits);
+  command->add_option("--task-memory-bytes", options.jobs.child_memory_bytes, "Memory of one task; 0: no limit")
+      ->transform(size)
+      ->capture_default_str()
+      ->group(limits);
+  command->add_option("--max-calls", options.rpc.max_calls, "Calls in flight, streams included")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str()
+      ->group(limits);
+
+  const std::string log = "Log";
+  command->add_flag("--log-json", options.log.json, "Log JSON, one object a line")->group(log);
+  command->add_option("--log-level", options.log.level, "debug, info, warning or error")
+      ->transform(CLI::CheckedTransformer(kLogLevels))
+      ->default_str("info")
+      ->group(log);
+}
+
+struct HealthCheckOptions {
+  std::string server = "127.0.0.1:50051";
+  double timeout_s = 3.0;
+};
+
+void AddHealthCheckCommand(CLI::App& app, HealthCheckOptions& options) {
+  CLI::App* command = app.add_subcommand("healthcheck", "Exit with 0 if a server is up and serving, else with 1.");
+  command->add_option("--server", options.server, "HOST:PORT or unix:PATH")->capture_default_str();
+  command->add_option("--timeout", options.timeout_s, "Seconds")->check(CLI::PositiveNumber)->capture_default_str();
+}
+
+int Main(int argc, char** argv) {
+  ServeOptions serve;
+  serve.jobs.core_program = CoreBesideThisProgram();
+  serve.jobs.workers = AvailableThreads();
+  HealthCheckOptions health_check;
+
+  CLI::App app(
+      "Runs depth upsampling as jobs: recordings come in, frames go out, over gRPC.\n"
+      "\n"
+      "  depthtween-server serve --data-dir /var/lib/depthtween\n"
+      "  depthtween submit SEQUENCE_FOLDER --wait -o RESULT_FOLDER\n",
+      "depthtween-server");
+  app.set_version_flag("--version", kVersion);
+  app.require_subcommand(1);
+  app.get_formatter()->column_width(36);
+  AddServeCommand(app, serve);
+  AddHealthCheckCommand(app, health_check);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? kExitOk : kExitUsage;  // --help and --version end parsing too
+  }
+
+  absl::Status status;
+  try {
+    status = app.got_subcommand("serve") ? Serve(serve)
+                                         : CheckHealth(health_check.server, absl::Seconds(health_check.timeout_s));
+  } catch (const std::exception& error) {
+    status = absl::InternalError(absl::StrCat("unexpected failure, please report it: ", error.what()));
+  }
+  if (status.ok()) return kExitOk;
+  absl::FPrintF(stderr, "depthtween-server: %s\n", std::string(status.message()));
+  return absl::IsInvalidArgument(status) ? kExitUsage : kExitFailed;
+}
+
+}  // namespace
+}  // namespace depthtween::server
+
+int main(int argc, char** argv) { return depthtween::server::Main(argc, argv); }

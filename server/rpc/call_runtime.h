@@ -1,0 +1,100 @@
+// Every call of every service passes through here: it gets a request id, a place among the calls in flight, threads to
+// run on, a mapped status and a line in the log.
+#ifndef DEPTHTWEEN_SERVER_RPC_CALL_RUNTIME_H_
+#define DEPTHTWEEN_SERVER_RPC_CALL_RUNTIME_H_
+
+#include <grpcpp/support/server_callback.h>
+
+#include <condition_variable>
+#include <functional>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <string_view>
+
+#include "absl/time/time.h"
+#include "core/base/status.h"
+#include "server/rpc/executor.h"
+#include "server/rpc/status.h"
+
+namespace grpc {
+class CallbackServerContext;
+}
+
+namespace depthtween::server {
+
+// A call that lasts, and that has to end early when the server stops.
+class Stoppable {
+ public:
+  virtual ~Stoppable() = default;
+  // Returns at once; the call ends with ServerStopping() soon. May be called from any thread.
+  virtual void Stop() = 0;
+};
+
+class CallRuntime {
+ public:
+  // Threads: enough that a few slow disk reads do not keep short calls waiting; they sleep otherwise.
+  // Calls in flight beyond `max_calls` are answered ServerBusy().
+  CallRuntime(int threads, int max_calls);
+  // Waits until every call has been answered and forgotten.
+  ~CallRuntime();
+
+  // The whole life of a call without streams: `work` runs on the executor, its status is the answer. `subject` is the
+  // name of the resource that the call is about, `method` the name in the log.
+  grpc::ServerUnaryReactor* Unary(grpc::CallbackServerContext* context, std::string_view method,
+                                  std::string_view subject, std::function<absl::Status()> work);
+
+  // Calls that last are told when the server stops, for as long as they live.
+  void Register(const std::shared_ptr<Stoppable>& stream);
+  // From now on calls are answered ServerStopping(), and registered ones end.
+  void Stop();
+
+  Executor& executor() { return executor_; }
+
+ private:
+  friend class Call;
+  absl::Status Admit();
+  void Leave();
+
+  const int max_calls_;
+  std::mutex mutex_;
+  std::condition_variable none_left_;
+  int calls_ = 0;                                // guarded by mutex_
+  bool stopping_ = false;                        // guarded by mutex_
+  std::list<std::weak_ptr<Stoppable>> streams_;  // guarded by mutex_
+  Executor executor_;                            // last: its threads use all of the above
+};
+
+// One call from its arrival to its answer.
+class Call {
+ public:
+  Call(CallRuntime& runtime, grpc::CallbackServerContext* context, std::string_view method, std::string_view subject);
+  // Leaves its place among the calls in flight.
+  ~Call();
+  Call(const Call&) = delete;
+  Call& operator=(const Call&) = delete;
+
+  CallRuntime& runtime() { return runtime_; }
+  // Why the call must be refused, or OK.
+  const absl::Status& admission() const { return admission_; }
+  // For calls that name their resource only later.
+  void SetSubject(std::string_view subject) { names_.subject = std::string(subject); }
+  // What to finish the call with; logs it. Call it once.
+  grpc::Status Answer(const absl::Status& status) const;
+
+ private:
+  CallRuntime& runtime_;
+  const std::string method_;
+  CallNames names_;
+  const std::string peer_;
+  const absl::Time start_;
+  const absl::Status admission_;
+};
+
+// Runs `work`; an exception becomes Internal, or ResourceExhausted for lack of memory.
+absl::Status CatchExceptions(const std::function<absl::Status()>& work);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_RPC_CALL_RUNTIME_H_

@@ -1,0 +1,367 @@
+#include "server/rpc/encode.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "server/rpc/status.h"
+#include "server/store/error_info.h"
+
+namespace depthtween::server {
+namespace {
+
+constexpr int kDefaultPageSize = 50;
+
+absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
+
+bool IsId(absl::string_view id) {
+  return !id.empty() && id.size() <= 64 && std::all_of(id.begin(), id.end(), [](unsigned char c) {
+    return absl::ascii_isalnum(c) || c == '-' || c == '_';
+  });
+}
+
+// The ids in a name of the form "<collection>/<id>/<collection>/<id>"...
+absl::StatusOr<std::vector<std::string>> ParseName(std::string_view field, std::string_view name,
+                                                   const std::vector<absl::string_view>& collections,
+                                                   absl::string_view form) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(View(name), '/');
+  std::vector<std::string> ids;
+  bool matches = parts.size() == 2 * collections.size();
+  for (size_t i = 0; matches && i < collections.size(); ++i) {
+    matches = parts[2 * i] == collections[i] && IsId(parts[2 * i + 1]);
+    ids.emplace_back(parts[2 * i + 1]);
+  }
+  if (!matches) {
+    return InvalidField(field, absl::StrCat("= \"", absl::CHexEscape(View(name.substr(0, 200))), "\", must be ", form));
+  }
+  return ids;
+}
+
+struct Condition {
+  std::string field, value;
+};
+
+absl::StatusOr<std::vector<Condition>> ParseFilter(std::string_view filter) {
+  std::vector<Condition> conditions;
+  if (absl::StripAsciiWhitespace(View(filter)).empty()) return conditions;
+  for (const absl::string_view part : absl::StrSplit(View(filter), " AND ")) {
+    const std::vector<absl::string_view> sides = absl::StrSplit(part, absl::MaxSplits('=', 1));
+    if (sides.size() != 2) {
+      return InvalidField("filter", absl::StrCat("has \"", absl::CHexEscape(absl::StripAsciiWhitespace(part)),
+                                                 "\", must be conditions such as state = READY, joined by AND"));
+    }
+    absl::string_view value = absl::StripAsciiWhitespace(sides[1]);
+    if (value.size() >= 2 && value.front() == '"' && value.back() == '"') value = value.substr(1, value.size() - 2);
+    conditions.push_back({std::string(absl::StripAsciiWhitespace(sides[0])), std::string(value)});
+  }
+  return conditions;
+}
+
+absl::Status UnknownFilterField(const Condition& condition, absl::string_view known) {
+  return InvalidField("filter",
+                      absl::StrCat("asks for \"", absl::CHexEscape(condition.field), "\", must be about ", known));
+}
+
+template <typename State>
+absl::StatusOr<State> ParseState(const Condition& condition, std::initializer_list<State> states) {
+  std::string known;
+  for (const State state : states) {
+    const std::string_view name = ToString(state);
+    if (condition.value == name) return state;
+    absl::StrAppend(&known, known.empty() ? "" : ", ", View(name));
+  }
+  return InvalidField("filter",
+                      absl::StrCat("asks for state = ", absl::CHexEscape(condition.value), ", must be one of ", known));
+}
+
+v1::Sequence::State Encode(SequenceState state) {
+  switch (state) {
+    case SequenceState::kUploading:
+      return v1::Sequence::STATE_UPLOADING;
+    case SequenceState::kValidating:
+      return v1::Sequence::STATE_VALIDATING;
+    case SequenceState::kReady:
+      return v1::Sequence::STATE_READY;
+    case SequenceState::kInvalid:
+      return v1::Sequence::STATE_INVALID;
+  }
+  return v1::Sequence::STATE_UNSPECIFIED;
+}
+
+v1::Job::State Encode(JobState state) {
+  switch (state) {
+    case JobState::kQueued:
+      return v1::Job::STATE_QUEUED;
+    case JobState::kRunning:
+      return v1::Job::STATE_RUNNING;
+    case JobState::kCancelling:
+      return v1::Job::STATE_CANCELLING;
+    case JobState::kSucceeded:
+      return v1::Job::STATE_SUCCEEDED;
+    case JobState::kFailed:
+      return v1::Job::STATE_FAILED;
+    case JobState::kCancelled:
+      return v1::Job::STATE_CANCELLED;
+  }
+  return v1::Job::STATE_UNSPECIFIED;
+}
+
+constexpr std::pair<v1::UpsampleOptions::Method, std::string_view> kMethods[] = {
+    {v1::UpsampleOptions::METHOD_UNSPECIFIED, "ours"}, {v1::UpsampleOptions::METHOD_OURS, "ours"},
+    {v1::UpsampleOptions::METHOD_HOLD, "hold"},        {v1::UpsampleOptions::METHOD_NEAREST, "nearest"},
+    {v1::UpsampleOptions::METHOD_LINEAR, "linear"},    {v1::UpsampleOptions::METHOD_FLOW_WARP, "flow-warp"},
+};
+
+v1::UpsampleOptions Encode(const UpsampleOptions& options) {
+  v1::UpsampleOptions message;
+  for (const auto& [method, name] : kMethods) {
+    if (options.method == name) message.set_method(method);
+  }
+  message.set_key_every(options.key_every);
+  message.set_threads(options.threads);
+  return message;
+}
+
+v1::Recording Encode(const Recording& recording) {
+  v1::Recording message;
+  *message.mutable_camera() = server::Encode(recording.camera);
+  message.set_depth_scale(recording.depth_scale);
+  message.set_color_frame_count(recording.color_frame_count);
+  message.set_depth_frame_count(recording.depth_frame_count);
+  message.set_first_time_ns(recording.first_time_ns);
+  message.set_last_time_ns(recording.last_time_ns);
+  message.set_median_depth_m(recording.median_depth_m);
+  return message;
+}
+
+}  // namespace
+
+std::string SequenceName(std::string_view id) { return absl::StrCat("sequences/", View(id)); }
+std::string UploadName(std::string_view sequence_id, std::string_view upload_id) {
+  return absl::StrCat("sequences/", View(sequence_id), "/uploads/", View(upload_id));
+}
+std::string JobName(std::string_view id) { return absl::StrCat("jobs/", View(id)); }
+std::string OutputName(std::string_view job_id, std::string_view output_id) {
+  return absl::StrCat("jobs/", View(job_id), "/outputs/", View(output_id));
+}
+
+absl::StatusOr<std::string> ParseSequenceName(std::string_view field, std::string_view name) {
+  ASSIGN_OR_RETURN(const std::vector<std::string> ids, ParseName(field, name, {"sequences"}, "sequences/{sequence}"));
+  return ids[0];
+}
+
+absl::StatusOr<std::string> ParseJobName(std::string_view field, std::string_view name) {
+  ASSIGN_OR_RETURN(const std::vector<std::string> ids, ParseName(field, name, {"jobs"}, "jobs/{job}"));
+  return ids[0];
+}
+
+absl::StatusOr<UploadIds> ParseUploadName(std::string_view field, std::string_view name) {
+  ASSIGN_OR_RETURN(const std::vector<std::string> ids,
+                   ParseName(field, name, {"sequences", "uploads"}, "sequences/{sequence}/uploads/{upload}"));
+  return UploadIds{ids[0], ids[1]};
+}
+
+absl::StatusOr<OutputIds> ParseOutputName(std::string_view field, std::string_view name) {
+  ASSIGN_OR_RETURN(const std::vector<std::string> ids,
+                   ParseName(field, name, {"jobs", "outputs"}, "jobs/{job}/outputs/{output}"));
+  std::string known;
+  for (const OutputSpec& output : AllOutputs()) {
+    if (output.id == ids[1]) return OutputIds{ids[0], &output};
+    absl::StrAppend(&known, known.empty() ? "" : ", ", View(output.id));
+  }
+  return WithErrorInfo(absl::NotFoundError(absl::StrCat("there is no output \"", ids[1], "\"; a job has: ", known)),
+                       {.reason = "NO_SUCH_RESOURCE", .metadata = {{"resource", OutputName(ids[0], ids[1])}}});
+}
+
+absl::StatusOr<SequenceFilter> ParseSequenceFilter(std::string_view filter) {
+  ASSIGN_OR_RETURN(const std::vector<Condition> conditions, ParseFilter(filter));
+  SequenceFilter result;
+  for (const Condition& condition : conditions) {
+    if (condition.field != "state") return UnknownFilterField(condition, "state");
+    ASSIGN_OR_RETURN(result.state, ParseState(condition, {SequenceState::kUploading, SequenceState::kValidating,
+                                                          SequenceState::kReady, SequenceState::kInvalid}));
+  }
+  return result;
+}
+
+absl::StatusOr<JobFilter> ParseJobFilter(std::string_view filter) {
+  ASSIGN_OR_RETURN(const std::vector<Condition> conditions, ParseFilter(filter));
+  JobFilter result;
+  for (const Condition& condition : conditions) {
+    if (condition.field == "state") {
+      ASSIGN_OR_RETURN(result.state,
+                       ParseState(condition, {JobState::kQueued, JobState::kRunning, JobState::kCancelling,
+                                              JobState::kSucceeded, JobState::kFailed, JobState::kCancelled}));
+    } else if (condition.field == "sequence") {
+      ASSIGN_OR_RETURN(result.sequence_id, ParseSequenceName("filter: sequence", condition.value));
+    } else {
+      return UnknownFilterField(condition, "state or sequence");
+    }
+  }
+  return result;
+}
+
+absl::StatusOr<PageRequest> ParsePage(int page_size, std::string_view page_token, int max_size) {
+  if (page_size < 0) return InvalidField("page_size", absl::StrCat("= ", page_size, ", must be >= 0"));
+  return PageRequest{.size = page_size == 0 ? kDefaultPageSize : std::min(page_size, max_size),
+                     .token = std::string(page_token)};
+}
+
+absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
+  UpsampleOptions result;
+  const auto* method = std::find_if(std::begin(kMethods), std::end(kMethods),
+                                    [&](const auto& entry) { return entry.first == options.method(); });
+  if (method == std::end(kMethods)) {
+    return InvalidField("job.options.method", absl::StrCat("= ", static_cast<int>(options.method()),
+                                                           ", must be a method that this server knows"));
+  }
+  result.method = method->second;
+  if (options.key_every() < 0) {
+    return InvalidField("job.options.key_every", absl::StrCat("= ", options.key_every(), ", must be >= 0 (0 means 1)"));
+  }
+  result.key_every = std::max(1, options.key_every());
+  if (options.threads() < 0) {
+    return InvalidField("job.options.threads",
+                        absl::StrCat("= ", options.threads(), ", must be >= 0 (0 means that the server decides)"));
+  }
+  result.threads = options.threads();
+  return result;
+}
+
+google::protobuf::Timestamp Encode(absl::Time time) {
+  google::protobuf::Timestamp message;
+  const int64_t seconds = absl::ToUnixSeconds(time);
+  message.set_seconds(seconds);
+  message.set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(time - absl::FromUnixSeconds(seconds))));
+  return message;
+}
+
+v1::Camera Encode(const Camera& camera) {
+  v1::Camera message;
+  message.set_width(camera.width);
+  message.set_height(camera.height);
+  message.set_fx(camera.fx);
+  message.set_fy(camera.fy);
+  message.set_cx(camera.cx);
+  message.set_cy(camera.cy);
+  message.set_k1(camera.k1);
+  message.set_k2(camera.k2);
+  message.set_p1(camera.p1);
+  message.set_p2(camera.p2);
+  message.set_k3(camera.k3);
+  return message;
+}
+
+v1::Sequence Encode(const SequenceRecord& record, const ValidationProgress& progress) {
+  v1::Sequence message;
+  message.set_name(SequenceName(record.id));
+  message.set_display_name(record.display_name);
+  message.set_state(Encode(record.state));
+  *message.mutable_create_time() = Encode(record.create_time);
+  *message.mutable_update_time() = Encode(record.update_time);
+  message.set_size_bytes(record.size_bytes);
+  message.set_file_count(record.file_count);
+  if (record.state == SequenceState::kValidating) {
+    message.set_checked_frames(progress.checked);
+    message.set_frames_to_check(progress.of);
+  }
+  for (const FileViolation& violation : record.validation.violations) {
+    v1::FileViolation* added = message.add_violations();
+    added->set_file(violation.file);
+    *added->mutable_status() = ToRpcStatus(violation.status, {.subject = violation.file, .request_id = {}});
+  }
+  for (const std::string& warning : record.validation.warnings) message.add_warnings(warning);
+  if (!record.validation.error.ok()) {
+    *message.mutable_error() = ToRpcStatus(record.validation.error, {.subject = message.name(), .request_id = {}});
+  }
+  if (record.validation.recording) *message.mutable_recording() = Encode(*record.validation.recording);
+  return message;
+}
+
+v1::Upload Encode(const UploadRecord& record) {
+  v1::Upload message;
+  message.set_name(UploadName(record.sequence_id, record.id));
+  message.set_size_bytes(record.size_bytes);
+  message.set_committed_size(record.committed_size);
+  message.set_state(record.finished ? v1::Upload::STATE_FINISHED : v1::Upload::STATE_RECEIVING);
+  *message.mutable_create_time() = Encode(record.create_time);
+  return message;
+}
+
+v1::Progress Encode(const Progress& progress) {
+  v1::Progress message;
+  message.set_stage(progress.stage);
+  message.set_intervals_done(progress.intervals_done);
+  message.set_intervals_total(progress.intervals_total);
+  message.set_frames_done(progress.frames_done);
+  message.set_frames_total(progress.frames_total);
+  message.set_fraction(progress.fraction);
+  if (progress.eta) {
+    v1::Progress::Eta* eta = message.mutable_eta();
+    const int64_t nanoseconds = absl::ToInt64Nanoseconds(progress.eta->remaining);
+    eta->mutable_remaining()->set_seconds(nanoseconds / 1'000'000'000);
+    eta->mutable_remaining()->set_nanos(static_cast<int32_t>(nanoseconds % 1'000'000'000));
+    eta->set_seconds_per_interval(progress.eta->seconds_per_interval);
+    eta->set_measured_intervals(progress.eta->measured_intervals);
+    eta->set_workers(progress.eta->workers);
+  }
+  if (progress.queue_position) message.set_queue_position(*progress.queue_position);
+  return message;
+}
+
+v1::Job Encode(const JobView& job) {
+  const JobRecord& record = job.record;
+  v1::Job message;
+  if (!record.id.empty()) message.set_name(JobName(record.id));  // one that is only validated has none
+  message.set_display_name(record.display_name);
+  message.set_sequence(SequenceName(record.sequence_id));
+  *message.mutable_options() = Encode(record.options);
+  message.set_state(Encode(record.state));
+  message.set_attempt(record.attempt);
+  if (!record.error.ok()) {
+    *message.mutable_error() = ToRpcStatus(record.error, {.subject = message.name(), .request_id = {}});
+  }
+  *message.mutable_progress() = Encode(job.progress);
+  if (!record.id.empty()) *message.mutable_create_time() = Encode(record.create_time);
+  if (record.start_time != absl::InfiniteFuture()) *message.mutable_start_time() = Encode(record.start_time);
+  if (record.end_time != absl::InfiniteFuture()) *message.mutable_end_time() = Encode(record.end_time);
+  return message;
+}
+
+v1::JobEvent Encode(const JobEvent& event) {
+  v1::JobEvent message;
+  message.set_number(event.number);
+  message.set_resume_token(event.resume_token);
+  switch (event.kind) {
+    case JobEvent::Kind::kSnapshot:
+      *message.mutable_snapshot() = Encode(event.job);
+      break;
+    case JobEvent::Kind::kState: {
+      v1::Job job = Encode(event.job);
+      v1::JobEvent::StateChange* change = message.mutable_state_change();
+      change->set_state(job.state());
+      change->set_attempt(job.attempt());
+      if (job.has_error()) change->mutable_error()->Swap(job.mutable_error());
+      change->mutable_progress()->Swap(job.mutable_progress());
+      break;
+    }
+    case JobEvent::Kind::kProgress:
+      *message.mutable_progress() = Encode(event.job.progress);
+      break;
+    case JobEvent::Kind::kFramesReady: {
+      v1::JobEvent::FramesReady* frames = message.mutable_frames_ready();
+      frames->set_first_frame(event.first_frame);
+      frames->set_frame_count(event.frame_count);
+      *frames->mutable_progress() = Encode(event.job.progress);
+      break;
+    }
+  }
+  return message;
+}
+
+}  // namespace depthtween::server

@@ -1,0 +1,66 @@
+// Messages <-> values: resource names, records, and the small languages inside strings.
+//
+// Decoding errors are InvalidArgument (BAD_FIELD) that name the field of the request.
+#ifndef DEPTHTWEEN_SERVER_RPC_ENCODE_H_
+#define DEPTHTWEEN_SERVER_RPC_ENCODE_H_
+
+#include <string>
+#include <string_view>
+
+#include "absl/time/time.h"
+#include "core/base/status.h"
+#include "depthtween/v1/job.pb.h"
+#include "depthtween/v1/output.pb.h"
+#include "depthtween/v1/sequence.pb.h"
+#include "depthtween/v1/types.pb.h"
+#include "google/protobuf/timestamp.pb.h"
+#include "server/jobs/job_manager.h"
+#include "server/store/records.h"
+#include "server/store/store.h"
+
+namespace depthtween::server {
+
+// ---- names ----
+// `field` is where the request has the name. Ids are as long as the store likes, but only letters, digits, "-" and "_".
+
+std::string SequenceName(std::string_view id);
+std::string UploadName(std::string_view sequence_id, std::string_view upload_id);
+std::string JobName(std::string_view id);
+std::string OutputName(std::string_view job_id, std::string_view output_id);
+
+absl::StatusOr<std::string> ParseSequenceName(std::string_view field, std::string_view name);
+absl::StatusOr<std::string> ParseJobName(std::string_view field, std::string_view name);
+struct UploadIds {
+  std::string sequence_id, upload_id;
+};
+absl::StatusOr<UploadIds> ParseUploadName(std::string_view field, std::string_view name);
+struct OutputIds {
+  std::string job_id;
+  const OutputSpec* output;
+};
+// NotFound if jobs have no such output.
+absl::StatusOr<OutputIds> ParseOutputName(std::string_view field, std::string_view name);
+
+// ---- lists ----
+
+// Conditions "field = value" joined by AND; a value may stand in double quotes.
+absl::StatusOr<SequenceFilter> ParseSequenceFilter(std::string_view filter);
+absl::StatusOr<JobFilter> ParseJobFilter(std::string_view filter);
+// 0 means 50; more than `max_size` means `max_size`.
+absl::StatusOr<PageRequest> ParsePage(int page_size, std::string_view page_token, int max_size);
+
+// ---- values ----
+
+absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options);
+
+google::protobuf::Timestamp Encode(absl::Time time);
+v1::Camera Encode(const Camera& camera);
+v1::Sequence Encode(const SequenceRecord& record, const ValidationProgress& progress);
+v1::Upload Encode(const UploadRecord& record);
+v1::Progress Encode(const Progress& progress);
+v1::Job Encode(const JobView& job);
+v1::JobEvent Encode(const JobEvent& event);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_RPC_ENCODE_H_

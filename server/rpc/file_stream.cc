@@ -1,0 +1,92 @@
+#include "server/rpc/file_stream.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+
+#include "absl/strings/str_format.h"
+#include "proto/depthtween/crc32c.h"
+#include "server/rpc/encode.h"
+#include "server/rpc/status.h"
+#include "server/store/error_info.h"
+
+namespace depthtween::server {
+namespace {
+
+constexpr int64_t kChunkBytes = 256 << 10;
+
+}  // namespace
+
+absl::StatusOr<int64_t> FileSize(const std::string& path) {
+  struct stat facts {};
+  if (stat(path.c_str(), &facts) != 0) return ErrnoStatus(errno, absl::StrCat("look at ", path));
+  return facts.st_size;
+}
+
+FileStream::FileStream(CallRuntime& runtime, grpc::CallbackServerContext* context, JobManager& jobs,
+                       const v1::ReadOutputRequest& request)
+    : ServerStream(runtime, context, "ReadOutput", request.name()), jobs_(jobs), request_(request) {}
+
+FileStream::~FileStream() {
+  if (descriptor_ >= 0) close(descriptor_);
+}
+
+absl::StatusOr<FileStream::Next> FileStream::Produce() {
+  if (descriptor_ < 0) RETURN_IF_ERROR(Open());
+  if (position_ == end_) return Next::kEnd;
+  v1::ReadOutputResponse& chunk = message();
+  std::string& data = *chunk.mutable_data();
+  data.resize(std::min(kChunkBytes, end_ - position_));
+  ssize_t count = 0;
+  do {
+    count = pread(descriptor_, data.data(), data.size(), position_);
+  } while (count < 0 && errno == EINTR);
+  if (count < 0) return ErrnoStatus(errno, absl::StrCat("read ", path_));
+  if (count == 0) return absl::DataLossError(absl::StrFormat("%s became shorter than %d bytes", path_, size_bytes_));
+  data.resize(count);
+  chunk.set_offset(position_);
+  chunk.set_crc32c(Crc32c(data));
+  chunk.set_size_bytes(size_bytes_);
+  position_ += count;
+  return Next::kMessage;
+}
+
+absl::Status FileStream::Open() {
+  ASSIGN_OR_RETURN(const OutputIds ids, ParseOutputName("name", request_.name()));
+  if (request_.read_offset() < 0) {
+    return InvalidField("read_offset", absl::StrFormat("= %d, must be >= 0", request_.read_offset()));
+  }
+  if (request_.read_limit() < 0) {
+    return InvalidField("read_limit", absl::StrFormat("= %d, must be >= 0 (0 means all)", request_.read_limit()));
+  }
+  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(ids.job_id));
+  if (ids.output->frames) {
+    return WithErrorInfo(
+        absl::FailedPreconditionError(absl::StrFormat("%s is made of frames, use StreamFrames", request_.name())),
+        {.reason = "NOT_A_FILE", .metadata = {{"resource", request_.name()}}});
+  }
+  if (job.record.state != JobState::kSucceeded) {
+    const std::string state(ToString(job.record.state));
+    return WithErrorInfo(absl::FailedPreconditionError(absl::StrFormat(
+                             "%s can be read once the job has SUCCEEDED, it is %s", request_.name(), state)),
+                         {.reason = "WRONG_STATE", .metadata = {{"state", state}, {"resource", JobName(ids.job_id)}}});
+  }
+  path_ = jobs_.OutputFile(ids.job_id, ids.output->kind);
+  ASSIGN_OR_RETURN(size_bytes_, FileSize(path_));
+  if (request_.read_offset() > size_bytes_) {
+    return WithErrorInfo(absl::OutOfRangeError(absl::StrFormat("read_offset = %d, the output has %d bytes",
+                                                               request_.read_offset(), size_bytes_)),
+                         {.reason = "BEYOND_END", .metadata = {{"size_bytes", std::to_string(size_bytes_)}}});
+  }
+  position_ = request_.read_offset();
+  end_ =
+      request_.read_limit() == 0 ? size_bytes_ : position_ + std::min(request_.read_limit(), size_bytes_ - position_);
+  descriptor_ = open(path_.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor_ < 0) return ErrnoStatus(errno, absl::StrCat("open ", path_));
+  return absl::OkStatus();
+}
+
+}  // namespace depthtween::server

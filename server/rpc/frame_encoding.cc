@@ -1,0 +1,100 @@
+#include "server/rpc/frame_encoding.h"
+
+#include <zstd.h>
+
+#include <bit>
+#include <cstring>
+#include <limits>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "core/io/png.h"
+#include "core/io/quantise.h"
+
+namespace depthtween::server {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "the raw encodings are little-endian");
+
+// Fast, and within 2 % of level 3's size on noisy 16-bit depth.
+constexpr int kZstdLevel = 1;
+
+template <typename T>
+std::string PixelBytes(const Image<T>& image) {
+  return {reinterpret_cast<const char*>(image.data()), image.pixel_count() * sizeof(T)};
+}
+
+absl::StatusOr<std::string> RawIntegers(const std::string& png, OutputKind kind) {
+  if (kind == OutputKind::kProvenance) {
+    ASSIGN_OR_RETURN(const Image<uint8_t> image, DecodePng8(png));
+    return PixelBytes(image);
+  }
+  ASSIGN_OR_RETURN(const Image<uint16_t> image, DecodePng16(png));
+  return PixelBytes(image);
+}
+
+absl::StatusOr<std::string> Metres(const std::string& png, OutputKind kind, double units_per_metre) {
+  ASSIGN_OR_RETURN(const Image<uint16_t> units, DecodePng16(png));
+  if (kind == OutputKind::kDepth) return PixelBytes(DequantiseDepth(units, units_per_metre));
+  Image<float> sigma_m = DequantiseSigma(units, units_per_metre);
+  // On the wire an unknown uncertainty is infinite, so that whoever weighs by 1/sigma needs no special case.
+  for (size_t i = 0; i < units.pixel_count(); ++i) {
+    if (units.data()[i] == kUnknownSigmaUnits) sigma_m.data()[i] = std::numeric_limits<float>::infinity();
+  }
+  return PixelBytes(sigma_m);
+}
+
+absl::StatusOr<std::string> Compress(const std::string& bytes) {
+  std::string compressed(ZSTD_compressBound(bytes.size()), '\0');
+  const size_t size = ZSTD_compress(compressed.data(), compressed.size(), bytes.data(), bytes.size(), kZstdLevel);
+  if (ZSTD_isError(size) != 0) {
+    return absl::InternalError(absl::StrFormat("zstd failed: %s", ZSTD_getErrorName(size)));
+  }
+  compressed.resize(size);
+  return compressed;
+}
+
+}  // namespace
+
+std::vector<v1::Encoding> EncodingsOf(OutputKind kind) {
+  switch (kind) {
+    case OutputKind::kDepth:
+    case OutputKind::kUncertainty:
+      return {v1::ENCODING_PNG, v1::ENCODING_RAW, v1::ENCODING_RAW_ZSTD, v1::ENCODING_F32, v1::ENCODING_F32_ZSTD};
+    case OutputKind::kProvenance:
+      return {v1::ENCODING_PNG, v1::ENCODING_RAW, v1::ENCODING_RAW_ZSTD};
+    default:
+      return {};
+  }
+}
+
+uint32_t InvalidValueOf(OutputKind kind) {
+  return kind == OutputKind::kUncertainty ? kUnknownSigmaUnits : kUnknownDepthUnits;
+}
+
+absl::StatusOr<std::string> EncodeFrame(std::string png, OutputKind kind, v1::Encoding encoding,
+                                        double units_per_metre) {
+  switch (encoding) {
+    case v1::ENCODING_RAW:
+      return RawIntegers(png, kind);
+    case v1::ENCODING_RAW_ZSTD: {
+      ASSIGN_OR_RETURN(const std::string raw, RawIntegers(png, kind));
+      return Compress(raw);
+    }
+    case v1::ENCODING_F32:
+      return Metres(png, kind, units_per_metre);
+    case v1::ENCODING_F32_ZSTD: {
+      ASSIGN_OR_RETURN(const std::string metres, Metres(png, kind, units_per_metre));
+      return Compress(metres);
+    }
+    default:
+      return png;
+  }
+}
+
+int64_t FrameMemoryBytes(int64_t pixels) {
+  // The largest moment is F32_ZSTD: floats as an image and as bytes, or as bytes and room for their compressed form.
+  return pixels * 9;
+}
+
+}  // namespace depthtween::server

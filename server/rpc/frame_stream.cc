@@ -1,0 +1,180 @@
+#include "server/rpc/frame_stream.h"
+
+#include <algorithm>
+#include <limits>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_format.h"
+#include "core/io/file.h"
+#include "proto/depthtween/crc32c.h"
+#include "server/rpc/encode.h"
+#include "server/rpc/frame_encoding.h"
+#include "server/rpc/status.h"
+#include "server/store/error_info.h"
+
+namespace depthtween::server {
+namespace {
+
+constexpr size_t kChunkBytes = 256 << 10;  // a small part of the 4 MiB of a message; larger ones gain nothing
+constexpr int kFramesPerLookup = 64;       // one look into the store serves this many frames
+
+}  // namespace
+
+bool FrameMemory::Take(int64_t bytes) {
+  if (taken_bytes_.fetch_add(bytes) + bytes <= limit_bytes_) return true;
+  Give(bytes);
+  return false;
+}
+
+FrameStream::FrameStream(CallRuntime& runtime, grpc::CallbackServerContext* context, JobManager& jobs,
+                         FrameMemory& memory, const v1::StreamFramesRequest& request)
+    : ServerStream(runtime, context, "StreamFrames", request.name()),
+      jobs_(jobs),
+      memory_(memory),
+      request_(request),
+      stride_(std::max(1, request.stride())),
+      next_frame_(request.start_frame()) {}
+
+FrameStream::~FrameStream() { memory_.Give(memory_taken_); }
+
+absl::StatusOr<FrameStream::Next> FrameStream::Produce() {
+  if (output_ == nullptr) RETURN_IF_ERROR(Open());
+  if (sent_ == bytes_.size()) {
+    RETURN_IF_ERROR(CatchUp());
+    ASSIGN_OR_RETURN(const std::optional<FrameRecord> frame, NextReady());
+    if (!frame) return EndOrWait();
+    RETURN_IF_ERROR(Load(*frame));
+  }
+  FillChunk();
+  return Next::kMessage;
+}
+
+absl::Status FrameStream::Open() {
+  ASSIGN_OR_RETURN(const OutputIds ids, ParseOutputName("name", request_.name()));
+  if (request_.start_frame() < 0) {
+    return InvalidField("start_frame", absl::StrFormat("= %d, must be >= 0", request_.start_frame()));
+  }
+  if (request_.end_frame() != 0 && request_.end_frame() < request_.start_frame()) {
+    return InvalidField("end_frame", absl::StrFormat("= %d, must be >= start_frame = %d, or 0 for all frames",
+                                                     request_.end_frame(), request_.start_frame()));
+  }
+  if (request_.stride() < 0) {
+    return InvalidField("stride", absl::StrFormat("= %d, must be >= 0 (0 means 1)", request_.stride()));
+  }
+  if (request_.encoding() != v1::ENCODING_UNSPECIFIED) encoding_ = request_.encoding();
+  const std::vector<v1::Encoding> encodings = EncodingsOf(ids.output->kind);
+  if (ids.output->frames && std::find(encodings.begin(), encodings.end(), encoding_) == encodings.end()) {
+    return InvalidField("encoding", absl::StrFormat("= %d, must be one that ListOutputs offers for %s",
+                                                    static_cast<int>(encoding_), request_.name()));
+  }
+  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(ids.job_id));
+  job_ = job.record;
+  job_id_ = ids.job_id;
+  if (!ids.output->frames) {
+    return WithErrorInfo(
+        absl::FailedPreconditionError(absl::StrFormat("%s is one file, use ReadOutput", request_.name())),
+        {.reason = "NOT_FRAMES", .metadata = {{"resource", request_.name()}}});
+  }
+  const Camera& camera = job_.recording.camera;
+  const int64_t bytes = FrameMemoryBytes(int64_t{camera.width} * camera.height);
+  if (!memory_.Take(bytes)) return ServerBusy("the streams of frames that are open leave no memory for another");
+  memory_taken_ = bytes;
+  if (request_.follow()) {
+    ASSIGN_OR_RETURN(watch_, jobs_.Watch(job_id_, /*resume_token=*/"", Waker()));
+  }
+  output_ = ids.output;
+  return absl::OkStatus();
+}
+
+absl::Status FrameStream::CatchUp() {
+  if (watch_ == nullptr) return absl::OkStatus();
+  while (const std::optional<JobEvent> event = watch_->Next()) job_ = event->job.record;
+  if (watch_->Deleted()) return jobs_.Get(job_id_).status();
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::optional<FrameRecord>> FrameStream::NextReady() {
+  if (AtEndFrame()) return std::nullopt;
+  while (!upcoming_.empty() && upcoming_.front().index < next_frame_) upcoming_.pop_front();
+  if (upcoming_.empty()) {
+    ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, jobs_.Frames(job_id_, next_frame_, kFramesPerLookup));
+    for (const FrameRecord& frame : frames) {
+      // Up to the first that is missing: frames leave in order.
+      if (!frame.ready) break;
+      upcoming_.push_back(frame);
+    }
+    if (upcoming_.empty()) return std::nullopt;
+  }
+  return upcoming_.front();
+}
+
+bool FrameStream::AtEndFrame() const { return request_.end_frame() != 0 && next_frame_ >= request_.end_frame(); }
+
+absl::StatusOr<FrameStream::Next> FrameStream::EndOrWait() const {
+  const int total = job_.frames_total;
+  if (total > 0 && request_.start_frame() > total) {
+    return WithErrorInfo(absl::OutOfRangeError(
+                             absl::StrFormat("start_frame = %d, the job has %d frames", request_.start_frame(), total)),
+                         {.reason = "NO_SUCH_FRAME", .metadata = {{"frame_count", std::to_string(total)}}});
+  }
+  if (!request_.follow() || AtEndFrame()) return Next::kEnd;
+  if (!HasEnded(job_.state)) return Next::kWait;
+  if (job_.state == JobState::kSucceeded) return Next::kEnd;
+  const std::string state(ToString(job_.state));
+  return WithErrorInfo(
+      absl::AbortedError(absl::StrFormat("the job ended as %s before frame %d was made%s%s", state, next_frame_,
+                                         job_.error.ok() ? "" : ": ", std::string(job_.error.message()))),
+      {.reason = absl::StrCat("JOB_", state),
+       .metadata = {{"resource", JobName(job_id_)}, {"next_frame", std::to_string(next_frame_)}}});
+}
+
+absl::Status FrameStream::Load(const FrameRecord& frame) {
+  absl::StatusOr<std::string> png = ReadFile(jobs_.FrameFile(job_id_, output_->kind, frame.stem));
+  if (absl::IsNotFound(png.status())) {
+    // A job that is being deleted says so itself; a file that is gone otherwise is damage.
+    RETURN_IF_ERROR(jobs_.Get(job_id_).status());
+    return absl::DataLossError(absl::StrFormat("frame %d is recorded, but its file is gone", frame.index));
+  }
+  RETURN_IF_ERROR(png.status());
+  const double units_per_metre = output_->kind == OutputKind::kProvenance ? 0.0 : job_.recording.depth_scale;
+  absl::StatusOr<std::string> bytes = EncodeFrame(*std::move(png), output_->kind, encoding_, units_per_metre);
+  if (!bytes.ok()) return WithContext(bytes.status(), absl::StrFormat("stored frame %d", frame.index));
+  bytes_ = *std::move(bytes);
+  sent_ = 0;
+  frame_ = frame.index;
+  next_frame_ = static_cast<int>(std::min<int64_t>(int64_t{frame.index} + stride_, std::numeric_limits<int>::max()));
+
+  header_.set_time_ns(frame.time_ns);
+  header_.set_stem(frame.stem);
+  header_.set_encoding(encoding_);
+  header_.set_size_bytes(static_cast<int64_t>(bytes_.size()));
+  header_.set_crc32c(Crc32c(bytes_));
+  *header_.mutable_camera() = Encode(job_.recording.camera);
+  header_.set_units_per_metre(units_per_metre);
+  header_.set_invalid_value(InvalidValueOf(output_->kind));
+  return absl::OkStatus();
+}
+
+void FrameStream::FillChunk() {
+  v1::FrameChunk& chunk = message();
+  if (sent_ == 0) {
+    *chunk.mutable_header() = header_;
+  } else {
+    chunk.clear_header();
+  }
+  const std::string_view data = std::string_view(bytes_).substr(sent_, kChunkBytes);
+  chunk.set_frame(frame_);
+  chunk.set_offset(static_cast<int64_t>(sent_));
+  chunk.set_data(data.data(), data.size());
+  chunk.set_crc32c(Crc32c(data));
+  sent_ += data.size();
+  if (sent_ == bytes_.size()) {
+    chunk.set_next_frame(next_frame_);
+  } else {
+    chunk.clear_next_frame();
+  }
+}
+
+}  // namespace depthtween::server

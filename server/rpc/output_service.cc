@@ -1,0 +1,72 @@
+#include "server/rpc/output_service.h"
+
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "depthtween/v1/output.grpc.pb.h"
+#include "server/rpc/encode.h"
+#include "server/rpc/file_stream.h"
+#include "server/rpc/frame_encoding.h"
+#include "server/rpc/frame_stream.h"
+
+namespace depthtween::server {
+namespace {
+
+using grpc::CallbackServerContext;
+
+class OutputService : public v1::OutputService::CallbackService {
+ public:
+  OutputService(CallRuntime& runtime, JobManager& jobs, int64_t frame_memory_bytes)
+      : runtime_(runtime), jobs_(jobs), frame_memory_(frame_memory_bytes) {}
+
+  grpc::ServerUnaryReactor* ListOutputs(CallbackServerContext* context, const v1::ListOutputsRequest* request,
+                                        v1::ListOutputsResponse* response) override {
+    return runtime_.Unary(context, "ListOutputs", request->parent(), [=, this]() -> absl::Status {
+      ASSIGN_OR_RETURN(const std::string job_id, ParseJobName("parent", request->parent()));
+      ASSIGN_OR_RETURN(const JobView job, jobs_.Get(job_id));
+      for (const OutputSpec& spec : AllOutputs()) {
+        v1::Output* output = response->add_outputs();
+        output->set_name(OutputName(job_id, spec.id));
+        if (spec.frames) {
+          output->set_kind(v1::Output::KIND_FRAMES);
+          for (const v1::Encoding encoding : EncodingsOf(spec.kind)) output->add_encodings(encoding);
+          output->set_frames_ready(job.record.frames_done);
+          output->set_frame_count(job.record.frames_total);
+        } else {
+          output->set_kind(v1::Output::KIND_FILE);
+          output->set_file_name(std::string(spec.file_name));
+          if (job.record.state == JobState::kSucceeded) {
+            ASSIGN_OR_RETURN(const int64_t size_bytes, FileSize(jobs_.OutputFile(job_id, spec.kind)));
+            output->set_ready(true);
+            output->set_size_bytes(size_bytes);
+          }
+        }
+      }
+      return absl::OkStatus();
+    });
+  }
+
+  grpc::ServerWriteReactor<v1::FrameChunk>* StreamFrames(CallbackServerContext* context,
+                                                         const v1::StreamFramesRequest* request) override {
+    return LaunchStream<FrameStream>(runtime_, context, jobs_, frame_memory_, *request);
+  }
+
+  grpc::ServerWriteReactor<v1::ReadOutputResponse>* ReadOutput(CallbackServerContext* context,
+                                                               const v1::ReadOutputRequest* request) override {
+    return LaunchStream<FileStream>(runtime_, context, jobs_, *request);
+  }
+
+ private:
+  CallRuntime& runtime_;
+  JobManager& jobs_;
+  FrameMemory frame_memory_;
+};
+
+}  // namespace
+
+std::unique_ptr<grpc::Service> MakeOutputService(CallRuntime& runtime, JobManager& jobs, int64_t frame_memory_bytes) {
+  return std::make_unique<OutputService>(runtime, jobs, frame_memory_bytes);
+}
+
+}  // namespace depthtween::server

@@ -1,0 +1,75 @@
+// The gRPC server: all services on one port, until it is told to stop.
+#ifndef DEPTHTWEEN_SERVER_RPC_RPC_SERVER_H_
+#define DEPTHTWEEN_SERVER_RPC_RPC_SERVER_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/time/time.h"
+#include "core/base/status.h"
+#include "server/jobs/job_manager.h"
+#include "server/jobs/sequences.h"
+#include "server/store/limits.h"
+#include "server/telemetry/health.h"
+
+namespace grpc {
+class Channel;
+class Server;
+class Service;
+}  // namespace grpc
+
+namespace depthtween::server {
+
+class CallRuntime;
+
+struct RpcServerOptions {
+  std::string listen = "127.0.0.1:50051";  // port 0: any free one
+  // Without it only loopback addresses and unix: sockets are accepted: whoever reaches the port may do everything,
+  // since there is no TLS and there are no tokens.
+  bool insecure_listen_anywhere = false;
+  int call_threads = 8;  // that answer calls; a call that waits holds none
+  int max_calls = 1000;  // in flight, streams included
+  int max_streams_per_connection = 200;
+  int max_message_bytes = 4 << 20;
+  int64_t transport_memory_bytes = int64_t{512} << 20;  // what gRPC may buffer for all connections together
+  int64_t frame_memory_bytes = int64_t{1} << 30;        // what streams of frames may hold together
+  absl::Duration watch_heartbeat = absl::Seconds(15);
+
+  absl::Status Validate() const;
+};
+
+class RpcServer {
+ public:
+  // Binds the port and starts to serve. Borrows all but the options and the limits; they must outlive it.
+  // InvalidArgument for options; FailedPrecondition if the address cannot be had.
+  static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const RpcServerOptions& options, const Limits& limits,
+                                                          Sequences& sequences, JobManager& jobs, Health& health);
+  // As Stop with no patience, if that was not called.
+  ~RpcServer();
+  RpcServer(const RpcServer&) = delete;
+  RpcServer& operator=(const RpcServer&) = delete;
+
+  // The bound port; 0 for a unix: socket.
+  int port() const { return port_; }
+  // A client's way in without a network.
+  std::shared_ptr<grpc::Channel> InProcessChannel();
+
+  // Health says NOT_SERVING, new calls are refused, streams end with UNAVAILABLE and a RetryInfo, short calls finish.
+  // Those that have not ended after `patience` are cancelled. Returns when no call is left.
+  void Stop(absl::Duration patience);
+
+ private:
+  explicit RpcServer(Health& health);
+
+  Health& health_;
+  int port_ = 0;
+  std::vector<std::unique_ptr<grpc::Service>> services_;
+  std::unique_ptr<CallRuntime> runtime_;
+  std::unique_ptr<grpc::Server> server_;
+};
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_RPC_RPC_SERVER_H_
