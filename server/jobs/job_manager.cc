@@ -85,10 +85,10 @@ class Manager : public JobManager {
   };
 
   // A worker: claims and runs until it is told to stop.
-  void Work(std::stop_token stop);
-  std::optional<Task> ClaimOrWait(std::stop_token stop);
-  void RunTask(const Task& task, std::stop_token stop);
-  void Settle(const Task& task, const TaskOutcome& outcome, std::stop_token stop);
+  void Work(const std::stop_token& stop);
+  std::optional<Task> ClaimOrWait(const std::stop_token& stop);
+  void RunTask(const Task& task, const std::stop_token& stop);
+  void Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop);
   absl::Status RecordOutcome(const Task& task, const TaskOutcome& outcome);
   void OnStage(const std::string& job_id, std::string_view stage);
   absl::Status OnInterval(const Task& task, const PlannedInterval& interval, double seconds);
@@ -256,13 +256,13 @@ ValidationProgress Manager::GetValidationProgress(std::string_view sequence_id) 
   return found == validations_.end() ? ValidationProgress{} : found->second;
 }
 
-void Manager::Work(std::stop_token stop) {
+void Manager::Work(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     if (const std::optional<Task> task = ClaimOrWait(stop)) RunTask(*task, stop);
   }
 }
 
-std::optional<Task> Manager::ClaimOrWait(std::stop_token stop) {
+std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   std::unique_lock lock(changes_);
   if (stop.stop_requested()) return std::nullopt;
   absl::StatusOr<std::optional<Task>> claimed =
@@ -285,7 +285,7 @@ std::optional<Task> Manager::ClaimOrWait(std::stop_token stop) {
   return std::nullopt;
 }
 
-void Manager::RunTask(const Task& task, std::stop_token stop) {
+void Manager::RunTask(const Task& task, const std::stop_token& stop) {
   std::stop_token task_stop;
   UpsampleOptions job_options;
   {
@@ -360,7 +360,7 @@ absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome
   return absl::OkStatus();
 }
 
-void Manager::Settle(const Task& task, const TaskOutcome& outcome, std::stop_token stop) {
+void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop) {
   std::unique_lock lock(changes_);
   absl::Status recorded = RecordOutcome(task, outcome);
   // A store that cannot write now, for want of room, may later. When the server stops first, the next start gives the

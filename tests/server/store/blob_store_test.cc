@@ -1,0 +1,91 @@
+// Bytes and folders on the disk, checked by reading the files themselves.
+#include "server/store/blob_store.h"
+
+#include <signal.h>
+#include <sys/resource.h>
+
+#include "server/store/folder_blob_store.h"
+#include "tests/server/server_fixtures.h"
+
+namespace depthtween::server {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+class BlobStoreTest : public testing::Test {
+ protected:
+  TemporaryFolder folder_;
+  std::unique_ptr<DataDirectory> directory_ = Take(DataDirectory::Open(folder_ / "data"));
+  std::unique_ptr<BlobStore> blobs_ = MakeFolderBlobStore(*directory_);
+
+  std::string Content(const std::string& path) { return ReadText(directory_->SequenceFolder("s") + "/" + path); }
+};
+
+TEST_F(BlobStoreTest, WritesWhereItIsToldAndEndsThere) {
+  EXPECT_THAT(blobs_->Write("s", "rgb/0.png", 0, "hello world"), IsOk());
+  EXPECT_THAT(blobs_->Write("s", "rgb/0.png", 6, "there"), IsOk());
+  EXPECT_EQ(Content("rgb/0.png"), "hello there");
+  // What an earlier attempt left beyond is gone.
+  EXPECT_THAT(blobs_->Write("s", "rgb/0.png", 5, "!"), IsOk());
+  EXPECT_EQ(Content("rgb/0.png"), "hello!");
+  EXPECT_THAT(blobs_->MakeDurable(), IsOk());
+  std::string read;
+  EXPECT_THAT(blobs_->Read("s", "rgb/0.png", 5, [&](std::string_view piece) { read += piece; }), IsOk());
+  EXPECT_EQ(read, "hello");
+  EXPECT_THAT(blobs_->Read("s", "rgb/0.png", 7, [](std::string_view) {}), HasCode(absl::StatusCode::kDataLoss));
+  EXPECT_THAT(blobs_->Read("s", "none", 1, [](std::string_view) {}), HasCode(absl::StatusCode::kNotFound));
+}
+
+TEST_F(BlobStoreTest, NeverLeavesItsFolder) {
+  EXPECT_THAT(blobs_->Write("s", "../s2/x", 0, "x"), HasCode(absl::StatusCode::kInvalidArgument));
+  // Not through a link either, should one ever get there.
+  EXPECT_THAT(blobs_->Write("s", "a", 0, "a"), IsOk());
+  std::filesystem::create_symlink("/tmp/elsewhere", directory_->SequenceFolder("s") + "/link");
+  EXPECT_THAT(blobs_->Write("s", "link", 0, "x"), Not(IsOk()));
+}
+
+TEST_F(BlobStoreTest, RemovedFilesAreGoneAtOnce) {
+  EXPECT_THAT(blobs_->Write("s", "a/b", 0, "x"), IsOk());
+  EXPECT_THAT(blobs_->Remove("s"), IsOk());
+  EXPECT_FALSE(std::filesystem::exists(directory_->SequenceFolder("s")));
+  EXPECT_THAT(blobs_->Remove("s"), IsOk());
+}
+
+// A limit on the size of files stands in for a full disk.
+TEST_F(BlobStoreTest, FullDiskIsAStatus) {
+  EXPECT_THAT(blobs_->Write("s", "a", 0, "before"), IsOk());
+  rlimit old{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &old), 0);
+  signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{1000, old.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  const absl::Status status = blobs_->Write("s", "b", 0, std::string(2000, 'x'));
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &old), 0);
+  EXPECT_THAT(status, HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
+  EXPECT_EQ(Content("a"), "before");
+}
+
+TEST(DataDirectory, BelongsToOneProcess) {
+  const TemporaryFolder folder;
+  auto first = Take(DataDirectory::Open(folder / "data"));
+  const auto second = DataDirectory::Open(folder / "data");
+  EXPECT_THAT(second, HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(std::string(second.status().message()), HasSubstr(std::to_string(getpid())));
+  first.reset();
+  EXPECT_THAT(DataDirectory::Open(folder / "data"), IsOk());
+}
+
+TEST(DataDirectory, SweepsWhatAnEarlierProcessDiscarded) {
+  const TemporaryFolder folder;
+  WriteText(folder / "data/trash/old/file", "x");
+  const auto directory = Take(DataDirectory::Open(folder / "data"));
+  WriteText(directory->JobFolder("j") + "/out/file", "x");
+  EXPECT_THAT(directory->Discard(directory->JobFolder("j")), IsOk());
+  EXPECT_FALSE(std::filesystem::exists(directory->JobFolder("j")));
+  // In the background: waited for without a deadline of its own, the test's time-out is the limit.
+  while (!std::filesystem::is_empty(folder / "data/trash")) usleep(1000);
+}
+
+}  // namespace
+}  // namespace depthtween::server

@@ -1,0 +1,109 @@
+// What is particular to the store on SQLite: its file, its schema, and what is left of it after a kill.
+#include "server/store/sqlite_store.h"
+
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "absl/strings/str_format.h"
+#include "server/store/schema.h"
+#include "server/store/sqlite.h"
+#include "tests/server/store/store_conformance.h"
+
+namespace depthtween::server {
+namespace {
+
+using testing::HasSubstr;
+
+INSTANTIATE_TEST_SUITE_P(Sqlite, StoreConformance, testing::Values([](const std::string& folder, const Limits& limits) {
+                           return Take(OpenSqliteStore(folder + "/store.sqlite", limits));
+                         }),
+                         [](const auto&) { return std::string("Store"); });
+
+TEST(SqliteStore, SchemaIsBroughtUpToDateOnce) {
+  const TemporaryFolder folder;
+  EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());
+  EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());
+  const auto database = Take(Database::Open(folder / "s.sqlite"));
+  EXPECT_EQ(Take(database->Number("PRAGMA user_version")), static_cast<int64_t>(SchemaSteps().size()));
+}
+
+TEST(SqliteStore, RefusesTheFileOfANewerServer) {
+  const TemporaryFolder folder;
+  EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());
+  EXPECT_THAT(Take(Database::Open(folder / "s.sqlite"))->RunScript("PRAGMA user_version = 1000"), IsOk());
+  const auto opened = OpenSqliteStore(folder / "s.sqlite", {});
+  EXPECT_THAT(opened, HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(std::string(opened.status().message()), HasSubstr("newer"));
+}
+
+TEST(SqliteStore, RefusesAFileThatIsNoDatabase) {
+  const TemporaryFolder folder;
+  WriteText(folder / "s.sqlite", std::string(5000, 'x'));
+  EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), HasCode(absl::StatusCode::kDataLoss));
+}
+
+TEST(SqliteDatabase, FailedTransactionLeavesNothing) {
+  const TemporaryFolder folder;
+  const auto database = Take(Database::Open(folder / "d.sqlite"));
+  EXPECT_THAT(database->RunScript("CREATE TABLE t (x INTEGER) STRICT"), IsOk());
+  const absl::Status status = database->Transact([&]() -> absl::Status {
+    RETURN_IF_ERROR(database->Run("INSERT INTO t VALUES (1)"));
+    return database->Run("INSERT INTO t VALUES ('text')");
+  });
+  EXPECT_THAT(status, HasCode(absl::StatusCode::kInternal));
+  EXPECT_EQ(Take(database->Number("SELECT count(*) FROM t")), 0);
+}
+
+// A process that makes sequences as fast as it can, saying each id once it was acknowledged, is killed in the middle:
+// every id it said is there afterwards.
+TEST(SqliteStore, WhatWasAcknowledgedSurvivesAKill) {
+  const TemporaryFolder folder;
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);
+  const pid_t child = fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    const auto store = OpenSqliteStore(folder / "s.sqlite", {});
+    while (store.ok()) {
+      const auto made = (*store)->CreateSequence("", "");
+      if (!made.ok() || write(ends[1], made->id.data(), 16) != 16) break;
+    }
+    _exit(1);
+  }
+  close(ends[1]);
+  std::vector<std::string> acknowledged;
+  std::string id(16, ' ');
+  while (read(ends[0], id.data(), 16) == 16) {
+    acknowledged.push_back(id);
+    if (acknowledged.size() == 50) kill(child, SIGKILL);
+  }
+  close(ends[0]);
+  ASSERT_EQ(waitpid(child, nullptr, 0), child);
+  ASSERT_GE(acknowledged.size(), 50U);
+  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  for (const std::string& made : acknowledged) EXPECT_THAT(store->GetSequence(made), IsOk());
+}
+
+// A limit on the size of files stands in for a full disk: SQLite gets the same kind of error from write().
+TEST(SqliteStore, FullDiskIsAStatusAndHarmsNothing) {
+  const TemporaryFolder folder;
+  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  const SequenceRecord before = Take(store->CreateSequence("before", ""));
+  rlimit old{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &old), 0);
+  signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{200 << 10, old.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  absl::Status failure;
+  int made = 0;
+  for (; made < 10000 && failure.ok(); ++made) failure = store->CreateSequence(std::string(200, 'x'), "").status();
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &old), 0);
+  EXPECT_THAT(failure, HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL")) << made;
+  EXPECT_EQ(Take(store->GetSequence(before.id)).display_name, "before");
+  EXPECT_THAT(store->CreateSequence("after", ""), IsOk()) << "with room again it goes on";
+}
+
+}  // namespace
+}  // namespace depthtween::server

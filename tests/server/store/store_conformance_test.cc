@@ -1,0 +1,552 @@
+// The promises of server/store/store.h, method by method. Expected values are those promises, worked out by hand.
+#include "tests/server/store/store_conformance.h"
+
+#include <set>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+
+namespace depthtween::server {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::SizeIs;
+
+constexpr int64_t kRoom = int64_t{1} << 40;
+
+Recording SomeRecording() {
+  return {.camera = {.width = 64, .height = 48, .fx = 50, .fy = 51, .cx = 31.5, .cy = 23.5, .k1 = 0.01},
+          .depth_scale = 5000,
+          .color_frame_count = 9,
+          .depth_frame_count = 2,
+          .first_time_ns = -5,
+          .last_time_ns = 1305031102175304000,
+          .median_depth_m = 1.25};
+}
+
+JobPlan PlanOf(int intervals) {
+  JobPlan plan;
+  for (int i = 0; i < intervals; ++i) {
+    plan.intervals.push_back({.index = i, .first_frame = 2 * i, .frame_count = 2});
+    for (int frame = 2 * i; frame < 2 * i + 2; ++frame) {
+      plan.frames.push_back({.index = frame, .time_ns = 1000 + frame, .stem = absl::StrFormat("%06d", frame)});
+    }
+  }
+  return plan;
+}
+
+SequenceRecord StoreConformance::UploadedSequence() {
+  const SequenceRecord sequence = Take(store().CreateSequence("clip", ""));
+  const UploadRecord upload =
+      Take(store().CreateUpload(sequence.id, {{.path = "rgb.txt", .size_bytes = 3}}, kRoom, ""));
+  EXPECT_THAT(store().SetCommittedSize(upload.id, 3), IsOk());
+  EXPECT_THAT(store().FinishUpload(upload.id), IsOk());
+  return Take(store().GetSequence(sequence.id));
+}
+
+SequenceRecord StoreConformance::ReadySequence() {
+  const SequenceRecord sequence = UploadedSequence();
+  EXPECT_THAT(store().CommitSequence(sequence.id), IsOk());
+  EXPECT_THAT(store().FinishValidation(Claim().number, {.recording = SomeRecording()}), IsOk());
+  return Take(store().GetSequence(sequence.id));
+}
+
+JobRecord StoreConformance::PreparedJob(int intervals) {
+  const JobRecord job = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false));
+  EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(intervals)), IsOk());
+  return Job(job.id);
+}
+
+Task StoreConformance::Claim(int batch) {
+  return Take(store().ClaimTask([batch](const JobRecord&) { return batch; })).value_or(Task{});
+}
+
+// ---- sequences and uploads ----
+
+TEST_P(StoreConformance, SequenceSurvivesReopening) {
+  const SequenceRecord made = Take(store().CreateSequence("my clip", ""));
+  EXPECT_EQ(made.id.size(), 16U);
+  Open();
+  const SequenceRecord read = Take(store().GetSequence(made.id));
+  EXPECT_EQ(read.display_name, "my clip");
+  EXPECT_EQ(read.state, SequenceState::kUploading);
+  EXPECT_EQ(read.create_time, made.create_time);
+  EXPECT_THAT(store().GetSequence("0000000000000000"), HasReason(absl::StatusCode::kNotFound, "NO_SUCH_RESOURCE"));
+}
+
+TEST_P(StoreConformance, SameRequestMakesTheSameThing) {
+  const SequenceRecord first = Take(store().CreateSequence("a", "request-1"));
+  EXPECT_EQ(Take(store().CreateSequence("a", "request-1")).id, first.id);
+  EXPECT_THAT(store().CreateSequence("b", "request-1"),
+              HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+  EXPECT_NE(Take(store().CreateSequence("a", "")).id, Take(store().CreateSequence("a", "")).id);
+
+  const std::vector<UploadFile> files = {{.path = "rgb.txt", .size_bytes = 3}};
+  const UploadRecord upload = Take(store().CreateUpload(first.id, files, kRoom, "request-1"));
+  // A resumed upload needs no room any more.
+  EXPECT_EQ(Take(store().CreateUpload(first.id, files, 0, "request-1")).id, upload.id);
+  EXPECT_THAT(store().CreateUpload(first.id, {{.path = "rgb.txt", .size_bytes = 4}}, kRoom, "request-1"),
+              HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+
+  // What was deleted may be made anew.
+  EXPECT_THAT(store().DeleteSequence(first.id), IsOk());
+  const SequenceRecord second = Take(store().CreateSequence("b", "request-1"));
+  EXPECT_NE(second.id, first.id);
+  EXPECT_THAT(store().CreateUpload(second.id, files, kRoom, "request-1"), IsOk());
+}
+
+TEST_P(StoreConformance, ListsNewestFirstInPages) {
+  std::vector<std::string> newest_first;
+  for (int i = 0; i < 5; ++i) {
+    newest_first.insert(newest_first.begin(), Take(store().CreateSequence(absl::StrCat(i), "")).id);
+  }
+  std::vector<std::string> listed;
+  PageRequest request{.size = 2};
+  int pages = 0;
+  do {
+    const Page<SequenceRecord> page = Take(store().ListSequences({}, request));
+    for (const SequenceRecord& record : page.items) listed.push_back(record.id);
+    request.token = page.next_token;
+    // What comes into being meanwhile is not part of later pages.
+    if (++pages == 1) {
+      EXPECT_THAT(store().CreateSequence("later", ""), IsOk());
+    }
+  } while (!request.token.empty());
+  EXPECT_EQ(listed, newest_first);
+  EXPECT_EQ(pages, 3);
+  EXPECT_THAT(Take(store().ListSequences({.state = SequenceState::kReady}, {})).items, IsEmpty());
+}
+
+TEST_P(StoreConformance, PageTokenBelongsToItsListAndFilter) {
+  for (int i = 0; i < 3; ++i) EXPECT_THAT(store().CreateSequence("", ""), IsOk());
+  const std::string token = Take(store().ListSequences({}, {.size = 1})).next_token;
+  EXPECT_THAT(store().ListSequences({.state = SequenceState::kUploading}, {.size = 1, .token = token}),
+              HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(store().ListJobs({}, {.size = 1, .token = token}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().ListSequences({}, {.size = 1, .token = "nonsense"}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().ListSequences({}, {.size = 0}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().ListSequences({}, {.size = 1001}), HasCode(absl::StatusCode::kInvalidArgument));
+}
+
+TEST_P(StoreConformance, UploadRefusesBadManifests) {
+  const SequenceRecord sequence = Take(store().CreateSequence("", ""));
+  const auto start = [&](std::vector<UploadFile> files) { return store().CreateUpload(sequence.id, files, kRoom, ""); };
+  EXPECT_THAT(start({}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(start({{.path = "../etc/passwd", .size_bytes = 1}}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(start({{.path = "a", .size_bytes = -1}}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(start({{.path = "a", .size_bytes = 1, .sha256 = "short"}}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(start({{.path = "a"}, {.path = "a"}}), HasReason(absl::StatusCode::kAlreadyExists, "DUPLICATE_PATH"));
+  EXPECT_THAT(start({{.path = "a"}, {.path = "a/b"}}), HasReason(absl::StatusCode::kAlreadyExists, "DUPLICATE_PATH"));
+  // Two of these would overflow 64 bits.
+  const int64_t huge = INT64_MAX - 1;
+  EXPECT_THAT(start({{.path = "a", .size_bytes = huge}, {.path = "b", .size_bytes = huge}}),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+  EXPECT_THAT(store().CreateUpload(sequence.id, {{.path = "a", .size_bytes = 9}}, 8, ""),
+              HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
+  // None of them has left anything behind.
+  EXPECT_EQ(Take(store().GetSequence(sequence.id)).file_count, 0);
+
+  EXPECT_THAT(start({{.path = "x/y", .size_bytes = 7}, {.path = "z"}}), IsOk());
+  EXPECT_THAT(start({{.path = "x/y"}}), HasReason(absl::StatusCode::kAlreadyExists, "DUPLICATE_PATH"));
+  EXPECT_THAT(start({{.path = "x"}}), HasReason(absl::StatusCode::kAlreadyExists, "DUPLICATE_PATH"));
+  EXPECT_THAT(start({{.path = "z/a"}}), HasReason(absl::StatusCode::kAlreadyExists, "DUPLICATE_PATH"));
+  EXPECT_THAT(start({{.path = "x.y"}, {.path = "x/z"}}), IsOk());
+  const SequenceRecord after = Take(store().GetSequence(sequence.id));
+  EXPECT_EQ(after.file_count, 4);
+  EXPECT_EQ(after.size_bytes, 7);
+}
+
+TEST_P(StoreConformance, LimitsHold) {
+  Open({.max_sequence_bytes = 10,
+        .max_files_per_sequence = 3,
+        .max_files_per_upload = 2,
+        .max_queued_jobs = 1,
+        .max_display_name_bytes = 4,
+        .max_request_id_bytes = 4});
+  EXPECT_THAT(store().CreateSequence("12345", ""), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().CreateSequence("1234", "12345"), HasCode(absl::StatusCode::kInvalidArgument));
+  const std::string id = Take(store().CreateSequence("1234", "1234")).id;
+  const auto start = [&](std::vector<UploadFile> files) { return store().CreateUpload(id, files, kRoom, ""); };
+  EXPECT_THAT(start({{.path = "a"}, {.path = "b"}, {.path = "c"}}),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+  EXPECT_THAT(start({{.path = "a", .size_bytes = 11}}),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+  EXPECT_THAT(start({{.path = "a", .size_bytes = 6}, {.path = "b"}}), IsOk());
+  EXPECT_THAT(start({{.path = "c", .size_bytes = 5}}),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+  EXPECT_THAT(start({{.path = "c"}, {.path = "d"}}), HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+  EXPECT_THAT(start({{.path = "c", .size_bytes = 4}}), IsOk());
+
+  const SequenceRecord ready = ReadySequence();
+  EXPECT_THAT(store().CreateJob({.sequence_id = ready.id}, "", false), IsOk());
+  EXPECT_THAT(store().CreateJob({.sequence_id = ready.id}, "", false),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+}
+
+TEST_P(StoreConformance, UploadKnowsHowFarItIs) {
+  const std::string id = Take(store().CreateSequence("", "")).id;
+  const std::vector<UploadFile> files = {
+      {.path = "a", .size_bytes = 3}, {.path = "b"}, {.path = "c", .size_bytes = 4, .sha256 = std::string(32, '\xAB')}};
+  const UploadRecord upload = Take(store().CreateUpload(id, files, kRoom, ""));
+  EXPECT_EQ(upload.size_bytes, 7);
+  EXPECT_EQ(upload.committed_size, 0);
+  EXPECT_THAT(store().SetCommittedSize(upload.id, 5), IsOk());
+  EXPECT_THAT(store().SetCommittedSize(upload.id, 8), HasCode(absl::StatusCode::kInternal));
+  EXPECT_THAT(store().FinishUpload(upload.id), HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE"));
+  EXPECT_THAT(store().CommitSequence(id), HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE"));
+  Open();
+  EXPECT_EQ(Take(store().GetUpload(id, upload.id)).committed_size, 5);
+  EXPECT_THAT(store().GetUpload("0000000000000000", upload.id), HasCode(absl::StatusCode::kNotFound));
+  const std::vector<UploadFile> read = Take(store().UploadFiles(upload.id));
+  ASSERT_THAT(read, SizeIs(3));
+  EXPECT_EQ(read[0].path + read[1].path + read[2].path, "abc");
+  EXPECT_EQ(read[2].sha256, files[2].sha256);
+
+  EXPECT_THAT(store().SetCommittedSize(upload.id, 7), IsOk());
+  EXPECT_TRUE(Take(store().FinishUpload(upload.id)).finished);
+  EXPECT_TRUE(Take(store().FinishUpload(upload.id)).finished);
+  EXPECT_THAT(store().SetCommittedSize(upload.id, 3), HasCode(absl::StatusCode::kFailedPrecondition));
+}
+
+TEST_P(StoreConformance, CommittedSequenceTakesNoMoreFiles) {
+  const std::string empty = Take(store().CreateSequence("", "")).id;
+  EXPECT_THAT(store().CommitSequence(empty), HasCode(absl::StatusCode::kFailedPrecondition));
+  const std::string id = UploadedSequence().id;
+  EXPECT_EQ(Take(store().CommitSequence(id)).state, SequenceState::kValidating);
+  EXPECT_EQ(Take(store().CommitSequence(id)).state, SequenceState::kValidating);
+  EXPECT_THAT(store().CreateUpload(id, {{.path = "more"}}, kRoom, ""), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().DeleteSequence(id), HasCode(absl::StatusCode::kFailedPrecondition));
+  // Committed twice, validated once.
+  EXPECT_EQ(Claim().kind, TaskKind::kValidate);
+  EXPECT_EQ(Claim().number, 0);
+}
+
+TEST_P(StoreConformance, ValidationIsKept) {
+  const std::string id = UploadedSequence().id;
+  EXPECT_THAT(store().CommitSequence(id), IsOk());
+  const Task task = Claim();
+  EXPECT_EQ(task.sequence_id, id);
+  EXPECT_THAT(
+      store().FinishValidation(
+          task.number, {.violations = {{.file = "depth/1.png", .status = absl::DataLossError("cut \xFF short")}},
+                        .warnings = {"odd"}}),
+      IsOk());
+  Open();
+  const SequenceRecord invalid = Take(store().GetSequence(id));
+  EXPECT_EQ(invalid.state, SequenceState::kInvalid);
+  ASSERT_THAT(invalid.validation.violations, SizeIs(1));
+  EXPECT_EQ(invalid.validation.violations[0].file, "depth/1.png");
+  EXPECT_THAT(invalid.validation.violations[0].status, HasCode(absl::StatusCode::kDataLoss));
+  EXPECT_THAT(invalid.validation.warnings, ElementsAre("odd"));
+  EXPECT_THAT(store().CreateJob({.sequence_id = id}, "", false), HasCode(absl::StatusCode::kFailedPrecondition));
+
+  const SequenceRecord ready = ReadySequence();
+  EXPECT_EQ(ready.state, SequenceState::kReady);
+  const Recording expected = SomeRecording();
+  const Recording& recording = *ready.validation.recording;
+  EXPECT_EQ(recording.camera.fy, expected.camera.fy);
+  EXPECT_EQ(recording.camera.k1, expected.camera.k1);
+  EXPECT_EQ(recording.first_time_ns, expected.first_time_ns);
+  EXPECT_EQ(recording.last_time_ns, expected.last_time_ns);
+  EXPECT_EQ(recording.median_depth_m, expected.median_depth_m);
+}
+
+// ---- jobs ----
+
+TEST_P(StoreConformance, JobIsCheckedBeforeItIsMade) {
+  const std::string ready = ReadySequence().id;
+  const auto create = [&](NewJob job) { return store().CreateJob(job, "", false); };
+  EXPECT_THAT(create({.sequence_id = "0000000000000000"}), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(create({.sequence_id = UploadedSequence().id}), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(create({.sequence_id = ready, .options = {.method = "magic"}}),
+              HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(create({.sequence_id = ready, .options = {.key_every = 0}}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(create({.sequence_id = ready, .options = {.threads = -1}}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_EQ(Take(store().CreateJob({.sequence_id = ready}, "", /*validate_only=*/true)).id, "");
+  EXPECT_THAT(Take(store().ListJobs({}, {})).items, IsEmpty());
+
+  const NewJob job = {
+      .display_name = "d", .sequence_id = ready, .options = {.method = "hold", .key_every = 8, .threads = 2}};
+  const JobRecord made = Take(store().CreateJob(job, "r", false));
+  EXPECT_EQ(Take(store().CreateJob(job, "r", false)).id, made.id);
+  EXPECT_THAT(store().CreateJob({.sequence_id = ready}, "r", false), HasCode(absl::StatusCode::kAlreadyExists));
+  Open();
+  const JobRecord read = Job(made.id);
+  EXPECT_EQ(read.options.method, "hold");
+  EXPECT_EQ(read.options.key_every, 8);
+  EXPECT_EQ(read.options.threads, 2);
+  EXPECT_EQ(read.state, JobState::kQueued);
+  EXPECT_EQ(read.attempt, 1);
+  EXPECT_EQ(read.recording.depth_scale, 5000);
+  EXPECT_EQ(read.start_time, absl::InfiniteFuture());
+}
+
+TEST_P(StoreConformance, JobsAreListedByStateAndSequence) {
+  const std::string a = ReadySequence().id, b = ReadySequence().id;
+  const std::string a1 = Take(store().CreateJob({.sequence_id = a}, "", false)).id;
+  const std::string b1 = Take(store().CreateJob({.sequence_id = b}, "", false)).id;
+  const std::string a2 = Take(store().CreateJob({.sequence_id = a}, "", false)).id;
+  EXPECT_THAT(store().CancelJob(a1), IsOk());
+  const auto ids = [&](const JobFilter& filter) {
+    std::vector<std::string> found;
+    for (const JobRecord& job : Take(store().ListJobs(filter, {})).items) found.push_back(job.id);
+    return found;
+  };
+  EXPECT_THAT(ids({}), ElementsAre(a2, b1, a1));
+  EXPECT_THAT(ids({.sequence_id = a}), ElementsAre(a2, a1));
+  EXPECT_THAT(ids({.state = JobState::kQueued}), ElementsAre(a2, b1));
+  EXPECT_THAT(ids({.state = JobState::kCancelled, .sequence_id = b}), IsEmpty());
+  EXPECT_EQ(Job(b1).queue_position, 0);
+  EXPECT_EQ(Job(a2).queue_position, 1);
+  EXPECT_EQ(Job(a1).queue_position, std::nullopt);
+}
+
+TEST_P(StoreConformance, WholeLifeOfAJob) {
+  const std::string sequence = ReadySequence().id;
+  const std::string id = Take(store().CreateJob({.sequence_id = sequence}, "", false)).id;
+  const Task prepare = Claim();
+  EXPECT_EQ(prepare.kind, TaskKind::kPrepare);
+  EXPECT_EQ(prepare.job_id, id);
+  EXPECT_EQ(prepare.sequence_id, sequence);
+  EXPECT_EQ(Job(id).state, JobState::kRunning);
+  EXPECT_NE(Job(id).start_time, absl::InfiniteFuture());
+  EXPECT_EQ(Claim().number, 0) << "nothing to do before the plan is known";
+  EXPECT_THAT(store().FinishPrepare(prepare.number, PlanOf(3)), IsOk());
+  EXPECT_EQ(Job(id).intervals_total, 3);
+  EXPECT_EQ(Job(id).frames_total, 6);
+
+  const Task first = Claim(), second = Claim();
+  EXPECT_EQ(first.kind, TaskKind::kIntervals);
+  EXPECT_EQ(std::pair(first.first_interval, first.interval_count), std::pair(0, 2));
+  EXPECT_EQ(std::pair(second.first_interval, second.interval_count), std::pair(2, 1));
+  EXPECT_EQ(Claim().number, 0);
+
+  EXPECT_EQ(Take(store().FinishInterval(second.number, 2, 0.5)).frames_done, 2);
+  EXPECT_EQ(Take(store().FinishInterval(second.number, 2, 0.5)).frames_done, 2) << "repeating changes nothing";
+  EXPECT_THAT(store().FinishInterval(second.number, 1, 0.5), HasCode(absl::StatusCode::kInternal)) << "not its own";
+  EXPECT_THAT(store().CompleteTask(second.number), IsOk());
+  const std::vector<FrameRecord> frames = Take(store().JobFrames(id, 3, 2));
+  ASSERT_THAT(frames, SizeIs(2));
+  EXPECT_EQ(frames[0].index, 3);
+  EXPECT_EQ(frames[0].time_ns, 1003);
+  EXPECT_EQ(frames[0].stem, "000003");
+  EXPECT_FALSE(frames[0].ready);
+  EXPECT_TRUE(frames[1].ready);
+  EXPECT_THAT(Take(store().JobFrames(id, 5, 100)), SizeIs(1));
+  EXPECT_THAT(Take(store().JobIntervals(id, 1, 100)), SizeIs(2));
+
+  EXPECT_THAT(store().FinishInterval(first.number, 0, 1.0), IsOk());
+  EXPECT_THAT(store().FinishInterval(first.number, 1, 1.5), IsOk());
+  EXPECT_THAT(store().CompleteTask(first.number), IsOk());
+  EXPECT_EQ(Job(id).interval_seconds, 3.0);
+  const Task assemble = Claim();
+  EXPECT_EQ(assemble.kind, TaskKind::kAssemble);
+  EXPECT_EQ(Job(id).state, JobState::kRunning);
+  EXPECT_THAT(store().DeleteSequence(sequence), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().DeleteJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().CompleteTask(assemble.number), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kSucceeded);
+  EXPECT_NE(Job(id).end_time, absl::InfiniteFuture());
+  EXPECT_EQ(Claim().number, 0);
+
+  EXPECT_THAT(store().CancelJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().RetryJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().DeleteSequence(sequence), IsOk());
+  EXPECT_THAT(Take(store().JobFrames(id, 0, 100)), SizeIs(6)) << "a job outlives its sequence";
+  EXPECT_THAT(store().DeleteJob(id), IsOk());
+  EXPECT_THAT(store().GetJob(id), HasCode(absl::StatusCode::kNotFound));
+}
+
+TEST_P(StoreConformance, OlderJobsAndValidationsGoFirst) {
+  const JobRecord older = PreparedJob(2);
+  const std::string younger = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false)).id;
+  EXPECT_THAT(store().CommitSequence(UploadedSequence().id), IsOk());
+  EXPECT_EQ(Claim(1).kind, TaskKind::kValidate);
+  EXPECT_EQ(Claim(1).job_id, older.id);
+  EXPECT_EQ(Claim(1).job_id, older.id);
+  EXPECT_EQ(Claim(1).job_id, younger);
+  EXPECT_EQ(Claim(1).number, 0);
+}
+
+TEST_P(StoreConformance, BatchSizeIsAskedWithTheJobAsItIs) {
+  PreparedJob(4);
+  int asked_done = -1;
+  const auto claim = [&](int size) {
+    return Take(store().ClaimTask([&](const JobRecord& job) {
+      asked_done = job.intervals_done;
+      return size;
+    }));
+  };
+  const Task first = *claim(0);  // an answer below 1 counts as 1
+  EXPECT_EQ(first.interval_count, 1);
+  EXPECT_THAT(store().FinishInterval(first.number, 0, 1), IsOk());
+  EXPECT_EQ(claim(100)->interval_count, 3);
+  EXPECT_EQ(asked_done, 1);
+}
+
+// ---- when things go wrong ----
+
+TEST_P(StoreConformance, ReleasedWorkLosesItsClaimButNotWhatIsDone) {
+  const std::string id = PreparedJob(4).id;
+  const Task before = Claim(4);
+  EXPECT_THAT(store().FinishInterval(before.number, 1, 1), IsOk());
+  // As after kill -9.
+  Open();
+  EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
+  // The fence: whoever still works on the old claim changes nothing.
+  EXPECT_THAT(store().FinishInterval(before.number, 0, 1), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().CompleteTask(before.number), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().FailTask(before.number, absl::InternalError("late"), false),
+              HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_EQ(Job(id).intervals_done, 1);
+  // Batches never reach over an interval that is done.
+  const Task a = Claim(4), b = Claim(4);
+  EXPECT_EQ(std::pair(a.first_interval, a.interval_count), std::pair(0, 1));
+  EXPECT_EQ(std::pair(b.first_interval, b.interval_count), std::pair(2, 2));
+  EXPECT_GT(a.number, before.number);
+}
+
+TEST_P(StoreConformance, EveryKindOfTaskComesBackAfterARestart) {
+  const std::string uploaded = UploadedSequence().id;
+  EXPECT_THAT(store().CommitSequence(uploaded), IsOk());
+  EXPECT_EQ(Claim().kind, TaskKind::kValidate);
+  EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
+  const Task validate = Claim();
+  EXPECT_EQ(validate.kind, TaskKind::kValidate);
+  EXPECT_THAT(store().FinishValidation(validate.number, {.recording = SomeRecording()}), IsOk());
+
+  const std::string id = Take(store().CreateJob({.sequence_id = uploaded}, "", false)).id;
+  EXPECT_EQ(Claim().kind, TaskKind::kPrepare);
+  EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
+  const Task prepare = Claim();
+  EXPECT_EQ(prepare.kind, TaskKind::kPrepare);
+  EXPECT_THAT(store().FinishPrepare(prepare.number, PlanOf(1)), IsOk());
+  const Task intervals = Claim();
+  EXPECT_THAT(store().FinishInterval(intervals.number, 0, 1), IsOk());
+  // Killed between the last interval and the end of its task: assembling still follows.
+  EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
+  EXPECT_EQ(Claim().kind, TaskKind::kAssemble);
+  EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
+  const Task assemble = Claim();
+  EXPECT_EQ(assemble.kind, TaskKind::kAssemble);
+  EXPECT_THAT(store().CompleteTask(assemble.number), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kSucceeded);
+}
+
+TEST_P(StoreConformance, ThreeFailuresOfOneIntervalFailTheJob) {
+  const std::string id = PreparedJob(3).id;
+  for (int attempt = 1; attempt <= kMaxAttempts; ++attempt) {
+    EXPECT_EQ(Job(id).state, JobState::kRunning);
+    const Task task = Claim(3);
+    // Interval 0 goes well the first time; interval 1 is the one that crashes, every time.
+    EXPECT_EQ(task.first_interval, attempt == 1 ? 0 : 1);
+    EXPECT_EQ(task.failures, attempt == 1 ? 0 : attempt - 1);
+    if (attempt == 1) {
+      EXPECT_THAT(store().FinishInterval(task.number, 0, 1), IsOk());
+    }
+    EXPECT_THAT(store().FailTask(task.number, absl::InternalError("killed by SIGSEGV"), /*retry=*/true), IsOk());
+  }
+  const JobRecord failed = Job(id);
+  EXPECT_EQ(failed.state, JobState::kFailed);
+  EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kInternal));
+  EXPECT_THAT(std::string(failed.error.message()), HasSubstr("SIGSEGV"));
+  EXPECT_EQ(Claim().number, 0);
+
+  const JobRecord retried = Take(store().RetryJob(id));
+  EXPECT_EQ(retried.state, JobState::kQueued);
+  EXPECT_EQ(retried.attempt, 2);
+  EXPECT_THAT(retried.error, IsOk());
+  EXPECT_EQ(retried.intervals_done, 1);
+  const Task again = Claim(3);
+  EXPECT_EQ(std::pair(again.first_interval, again.interval_count), std::pair(1, 2));
+  EXPECT_EQ(again.failures, 0);
+  EXPECT_EQ(Job(id).state, JobState::kRunning);
+}
+
+TEST_P(StoreConformance, FailureThatIsNotWorthRetryingFailsAtOnce) {
+  const std::string id = PreparedJob(4).id;
+  const Task first = Claim(2), second = Claim(2);
+  EXPECT_THAT(store().FailTask(first.number, absl::ResourceExhaustedError("disk full"), /*retry=*/false), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kFailed);
+  EXPECT_THAT(Job(id).error, HasCode(absl::StatusCode::kResourceExhausted));
+  EXPECT_THAT(store().FinishInterval(second.number, 2, 1), HasCode(absl::StatusCode::kFailedPrecondition));
+
+  // A prepare task counts its own failures.
+  const std::string other = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false)).id;
+  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+    const Task task = Claim();
+    EXPECT_EQ(task.job_id, other);
+    EXPECT_EQ(task.failures, attempt);
+    EXPECT_THAT(store().FailTask(task.number, absl::InternalError("crash"), /*retry=*/true), IsOk());
+  }
+  EXPECT_EQ(Job(other).state, JobState::kFailed);
+  EXPECT_THAT(store().RetryJob(other), IsOk());
+  EXPECT_EQ(Claim().kind, TaskKind::kPrepare);
+}
+
+TEST_P(StoreConformance, ValidationThatCannotBeDoneMakesTheSequenceInvalid) {
+  const std::string id = UploadedSequence().id;
+  EXPECT_THAT(store().CommitSequence(id), IsOk());
+  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+    EXPECT_EQ(Take(store().GetSequence(id)).state, SequenceState::kValidating);
+    EXPECT_THAT(store().FailTask(Claim().number, absl::InternalError("killed by SIGSEGV"), /*retry=*/true), IsOk());
+  }
+  const SequenceRecord sequence = Take(store().GetSequence(id));
+  EXPECT_EQ(sequence.state, SequenceState::kInvalid);
+  EXPECT_THAT(sequence.validation.error, HasCode(absl::StatusCode::kInternal));
+  EXPECT_THAT(store().DeleteSequence(id), IsOk());
+}
+
+TEST_P(StoreConformance, CancelWaitsForWhatRuns) {
+  const std::string queued = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false)).id;
+  EXPECT_EQ(Take(store().CancelJob(queued)).state, JobState::kCancelled);
+  EXPECT_EQ(Claim().number, 0);
+
+  const std::string id = PreparedJob(4).id;
+  const Task first = Claim(2), second = Claim(1);
+  EXPECT_EQ(Take(store().CancelJob(id)).state, JobState::kCancelling);
+  EXPECT_EQ(Take(store().CancelJob(id)).state, JobState::kCancelling);
+  EXPECT_EQ(Claim().number, 0) << "nothing of a cancelled job starts any more";
+  EXPECT_THAT(store().FinishInterval(first.number, 0, 1), IsOk()) << "what ends while it is stopped is kept";
+  EXPECT_THAT(store().ReleaseTask(first.number), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kCancelling);
+  // A child that crashes when it is told to stop does not make the job fail.
+  EXPECT_THAT(store().FailTask(second.number, absl::InternalError("crash"), /*retry=*/false), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kCancelled);
+  EXPECT_THAT(Job(id).error, IsOk());
+  EXPECT_EQ(Take(store().CancelJob(id)).state, JobState::kCancelled);
+
+  EXPECT_EQ(Take(store().RetryJob(id)).intervals_done, 1);
+  EXPECT_EQ(Claim(4).first_interval, 1);
+}
+
+TEST_P(StoreConformance, CancelledWhilePreparingOrAssembling) {
+  const std::string id = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false)).id;
+  const Task prepare = Claim();
+  EXPECT_THAT(store().CancelJob(id), IsOk());
+  EXPECT_THAT(store().FinishPrepare(prepare.number, PlanOf(1)), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kCancelled);
+  EXPECT_THAT(store().RetryJob(id), IsOk());
+  const Task intervals = Claim();
+  EXPECT_EQ(intervals.kind, TaskKind::kIntervals) << "the plan is kept";
+  EXPECT_THAT(store().FinishInterval(intervals.number, 0, 1), IsOk());
+  EXPECT_THAT(store().CompleteTask(intervals.number), IsOk());
+  const Task assemble = Claim();
+  EXPECT_THAT(store().CancelJob(id), IsOk());
+  EXPECT_THAT(store().CompleteTask(assemble.number), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kCancelled);
+  EXPECT_THAT(store().RetryJob(id), IsOk());
+  EXPECT_EQ(Claim().kind, TaskKind::kAssemble);
+}
+
+TEST_P(StoreConformance, RetryNeedsTheSequence) {
+  const SequenceRecord sequence = ReadySequence();
+  const std::string id = Take(store().CreateJob({.sequence_id = sequence.id}, "", false)).id;
+  EXPECT_THAT(store().RetryJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().CancelJob(id), IsOk());
+  EXPECT_THAT(store().DeleteSequence(sequence.id), IsOk());
+  EXPECT_THAT(store().RetryJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
+}
+
+}  // namespace depthtween::server
