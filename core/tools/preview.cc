@@ -51,10 +51,15 @@ Rgb8 At(const Palette& palette, double fraction) {
   return palette[static_cast<size_t>(std::lround(std::clamp(fraction, 0.0, 1.0) * 255))];
 }
 
+// Where a depth lies between the ends of the range, by ratio: a centimetre near by shows as much as three far away.
+double DepthFraction(double depth_m, const PreviewRange& range) {
+  return std::log(depth_m / range.near_m) / std::log(static_cast<double>(range.far_m) / range.near_m);
+}
+
 Rgb8 DepthColor(float depth_m, const PreviewRange& range) {
   static const Palette palette = MakePalette(cv::COLORMAP_TURBO);
   // The ends of Turbo are nearly black; its first and last twentieth would read as unknown.
-  const double fraction = (range.far_m - depth_m) / (range.far_m - range.near_m);
+  const double fraction = 1.0 - DepthFraction(depth_m, range);
   return At(palette, 0.05 + 0.9 * std::clamp(fraction, 0.0, 1.0));
 }
 
@@ -115,8 +120,7 @@ std::vector<Tick> DepthTicks(const PreviewRange& range) {
   const int decimals = std::max(0, static_cast<int>(-std::floor(std::log10(step) + 1e-9)));
   std::vector<Tick> ticks;
   for (double value = std::ceil(range.near_m / step - 1e-6) * step; value <= range.far_m + 1e-6; value += step)
-    ticks.push_back({(value - range.near_m) / span, absl::StrFormat("%.*f", decimals, value)});
-  if (!ticks.empty()) ticks.back().label += " m";
+    ticks.push_back({DepthFraction(value, range), absl::StrFormat("%.*f m", decimals, value)});
   return ticks;
 }
 
@@ -132,12 +136,15 @@ void DrawLegend(cv::Mat& canvas, int x, int y, int width, const std::vector<Tick
     const Rgb8 color = color_at(static_cast<double>(i) / (bar_width - 1));
     cv::line(canvas, {x + i, y}, {x + i, y + kBarHeight - 1}, Color(color.r, color.g, color.b));
   }
+  int labelled_to = x - kMargin;  // labels that would touch the one before are left out, their ticks stay
   for (const Tick& tick : ticks) {
     const int at = x + static_cast<int>(std::lround(tick.fraction * (bar_width - 1)));
     cv::line(canvas, {at, y + kBarHeight}, {at, y + kBarHeight + 4}, kFaint);
     const int half = TextSize(tick.label).width / 2;
-    DrawText(canvas, tick.label, std::clamp(at, x + half, x + width - half), y + kBarHeight + 15, kText,
-             Align::kCenter);
+    const int center = std::clamp(at, x + half, x + width - half);
+    if (center - half < labelled_to + kMargin) continue;
+    DrawText(canvas, tick.label, center, y + kBarHeight + 15, kText, Align::kCenter);
+    labelled_to = center + half;
   }
   const int swatch = x + width - unknown_width;
   cv::rectangle(canvas, cv::Rect(swatch, y, kBarHeight, kBarHeight), Color(kUnknown.r, kUnknown.g, kUnknown.b),
@@ -148,7 +155,7 @@ void DrawLegend(cv::Mat& canvas, int x, int y, int width, const std::vector<Tick
 
 void DrawDepthLegend(cv::Mat& canvas, int x, int y, int width, const PreviewRange& range) {
   DrawLegend(canvas, x, y, width, DepthTicks(range), [&](double fraction) {
-    return DepthColor(range.near_m + static_cast<float>(fraction) * (range.far_m - range.near_m), range);
+    return DepthColor(static_cast<float>(range.near_m * std::pow(range.far_m / range.near_m, fraction)), range);
   });
 }
 

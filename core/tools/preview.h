@@ -16,7 +16,7 @@ struct PreviewRange {
   float far_m = 5.0F;
 };
 
-// Near is warm, far is cold (Turbo); unknown is dark grey.
+// Near is warm, far is cold (Turbo, logarithmic in depth); unknown is dark grey.
 Image<Rgb8> ColorizeDepth(ImageView<const float> depth_m, const PreviewRange& range);
 // 1 mm is black, 1 m is bright, in decades (Inferno); unknown (0) is dark grey.
 Image<Rgb8> ColorizeSigma(ImageView<const float> sigma_m);

@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <filesystem>
 #include <iostream>
+#include <iterator>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -86,8 +88,8 @@ absl::StatusOr<PreviewFrame> ReadFrame(const Clip& clip, int index) {
   return frame;
 }
 
-// Frames of one interval, its first and the one after its last included, evenly spread: the one with frame `wanted` in
-// it, else the two-key interval in the middle of the clip.
+// Frames evenly spread over one interval, from its key to the next: the interval with frame `wanted` in it, or the one
+// in the middle of the clip.
 std::vector<int> ChooseFrames(const Clip& clip, int wanted) {
   const std::vector<Interval> intervals = PlanIntervals(clip.input);
   if (wanted < 0) {
@@ -101,7 +103,12 @@ std::vector<int> ChooseFrames(const Clip& clip, int wanted) {
     return wanted < candidate.first_frame + candidate.frame_count;
   });
   const int first = interval.first_frame;
-  const int last = std::min(first + interval.frame_count, clip.frame_count() - 1);
+  int last = first + interval.frame_count - 1;
+  if (!interval.Held()) {  // on to the next key: the first frame of the next interval, or of this one if it is the last
+    const int64_t key_ns = clip.input.depth[interval.key_after].time_ns;
+    while (last > first && clip.input.color[last - 1].time_ns >= key_ns) --last;
+    if (clip.input.color[last].time_ns < key_ns && last + 1 < clip.frame_count()) ++last;
+  }
   const int columns = std::min(kSheetColumns, last - first + 1);
   std::vector<int> frames;
   for (int i = 0; i < columns; ++i) frames.push_back(columns == 1 ? first : first + (last - first) * i / (columns - 1));

@@ -12,7 +12,7 @@
 namespace depthtween::tools {
 namespace {
 
-constexpr int kBarCells = 30;
+constexpr int kBarCells = 20;                             // all but a long stage name fits 80 columns
 constexpr auto kRedraw = std::chrono::milliseconds(100);  // faster than this only flickers
 constexpr auto kLineEvery = std::chrono::seconds(2);      // a log is read later: few lines
 

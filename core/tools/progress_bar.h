@@ -17,7 +17,7 @@ struct Progress {
   std::string stage;     // what is being done now; may be empty
 };
 
-// "[=====>    ]  50 %  frame 16/33  interval 2/4  12.5 fps  0:01 left  flow", cut to `columns` characters.
+// "[==========>         ]  50 %  frame 16/33  interval 2/4  12.5 fps  0:01 left  flow", cut to `columns` characters.
 std::string FormatProgressBar(const Progress& progress, int columns);
 // "16 of 33 frames, 2 of 4 intervals, 12.5 fps, 0:01 left".
 std::string FormatProgressLine(const Progress& progress);
