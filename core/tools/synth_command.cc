@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "core/base/parallel.h"
 #include "core/synthetic/synthetic_sequence.h"
 #include "core/tools/commands.h"
@@ -128,7 +127,7 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
       "Example:  depthtween-core synth kick -o kick\n"
       "Example:  depthtween-core synth pan -o pan --frames 65 --noise none --size 256x212\n");
   command->footer(footer);
-  command->add_option("scene", options.scene, "Which scene: " + absl::StrJoin(names, ", "))
+  command->add_option("scene", options.scene, "Which scene to render")
       ->required()
       ->check(CLI::IsMember(names))
       ->type_name("SCENE");
