@@ -50,14 +50,23 @@ absl::Status SensorFloor::Add(ImageView<const Rgb8> color, ImageView<const float
         changed(x, y) = std::abs(grey(x, y) - previous_grey_(x, y)) >= kStillLevels ? 1 : 0;
     const Image<uint8_t> moves = DilateSquare(changed, kGuardRadius);
     const auto scored = [](float z) { return z > 0.0F && z < kFarthestTruthM; };
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x)
-        if (moves(x, y) == 0 && scored(depth_copy_m(x, y)) && scored(previous_depth_m_(x, y)))
-          differences_.Add(depth_copy_m(x, y) - previous_depth_m_(x, y));
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        if (!scored(depth_copy_m(x, y)) || !scored(previous_depth_m_(x, y))) continue;
+        ++known_pixels_;
+        if (moves(x, y) != 0) continue;
+        ++still_pixels_;
+        differences_.Add(depth_copy_m(x, y) - previous_depth_m_(x, y));
+      }
+    }
   }
   previous_grey_ = std::move(grey);
   previous_depth_m_ = std::move(depth_copy_m);
   return absl::OkStatus();
+}
+
+double SensorFloor::StillShare() const {
+  return known_pixels_ > 0 ? static_cast<double>(still_pixels_) / static_cast<double>(known_pixels_) : 0.0;
 }
 
 }  // namespace depthtween

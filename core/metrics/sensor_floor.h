@@ -2,6 +2,8 @@
 #ifndef DEPTHTWEEN_CORE_METRICS_SENSOR_FLOOR_H_
 #define DEPTHTWEEN_CORE_METRICS_SENSOR_FLOOR_H_
 
+#include <cstdint>
+
 #include "core/base/image.h"
 #include "core/base/status.h"
 #include "core/metrics/scores.h"
@@ -11,15 +13,20 @@ namespace depthtween {
 // Difference of consecutive measured depth maps where nothing moves, as far as colour tells: the mean of 5x5 pixels
 // changes by less than 3 grey levels everywhere within 4 px.
 // It holds the noise of two maps: where noise is independent, an exact estimate would be scored at 1/sqrt(2) of it.
+// Colour cannot tell a still camera from one that moves along untextured surfaces: trust the floor only if most pixels
+// stand still.
 class SensorFloor {
  public:
   // Depth maps in time order, each with the colour frame of its time. Metres, 0 = unknown.
   // InvalidArgument if sizes differ.
   absl::Status Add(ImageView<const Rgb8> color, ImageView<const float> depth_m);
   DepthScore Score() const { return differences_.Score(); }
+  // Share of pixels known in both maps that nothing moves at, [0,1].
+  double StillShare() const;
 
  private:
   DepthErrors differences_;
+  int64_t still_pixels_ = 0, known_pixels_ = 0;
   Image<float> previous_grey_;
   Image<float> previous_depth_m_;
 };

@@ -24,6 +24,7 @@ namespace {
 
 using nlohmann::json;
 
+constexpr double kStillCameraShare = 0.5;   // of pixels that nothing moves at, above which the camera stands still
 constexpr int64_t kSameTimeNs = 3'000'000;  // a depth map may be scored at a colour frame this near in time
 
 // One frame to score, and where its truth comes from.
@@ -102,6 +103,14 @@ absl::StatusOr<std::vector<int>> MatchFrames(const ResultFolder& result, const S
                         "was made from",
                         result.dir(), reference.dir()));
   return matches;
+}
+
+absl::StatusOr<ResultFolder> OpenResult(const std::string& dir) {
+  auto result = ResultFolder::Open(dir);
+  if (result.ok()) return result;
+  return absl::Status(result.status().code(),
+                      absl::StrCat(result.status().message(),
+                                   ": name a folder that `depthtween-core upsample SEQ -o OUT` has finished"));
 }
 
 struct ResultFacts {
@@ -183,7 +192,9 @@ absl::StatusOr<Image<float>> RunBaseline(const Upsampler& baseline, const FrameS
   return depth_m;
 }
 
-absl::StatusOr<DepthScore> MeasureSensorFloor(const SequenceFolder& reference, const std::stop_token& stop) {
+// None when the camera moves.
+absl::StatusOr<std::optional<DepthScore>> MeasureSensorFloor(const SequenceFolder& reference,
+                                                             const std::stop_token& stop) {
   const Sequence& sequence = reference.sequence();
   SensorFloor floor;
   for (size_t d = 0; d < sequence.depth.size(); ++d) {
@@ -192,13 +203,14 @@ absl::StatusOr<DepthScore> MeasureSensorFloor(const SequenceFolder& reference, c
     ASSIGN_OR_RETURN(const Image<Rgb8> color, reference.Color(NearestColorFrame(sequence, sequence.depth[d].time_ns)));
     RETURN_IF_ERROR(floor.Add(color, depth_m));
   }
+  if (floor.StillShare() < kStillCameraShare) return std::nullopt;
   return floor.Score();
 }
 
 }  // namespace
 
 absl::StatusOr<Evaluation> Evaluate(const EvaluationOptions& options) {
-  ASSIGN_OR_RETURN(const ResultFolder result, ResultFolder::Open(options.result_dir));
+  ASSIGN_OR_RETURN(const ResultFolder result, OpenResult(options.result_dir));
   ASSIGN_OR_RETURN(const ResultFacts facts, ReadFacts(result));
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> reference, SequenceFolder::Open(options.reference_dir));
   ASSIGN_OR_RETURN(const std::vector<int> matches, MatchFrames(result, *reference));

@@ -35,7 +35,8 @@ struct Evaluation {
   std::string truth;                     // "gt/depth" or "left-out depth maps"
   ComparisonScore score;                 // the result first, then the baselines
   std::vector<std::string> frame_stems;  // of score.frames
-  // What consecutive depth maps of a real sensor differ by where nothing moves; only without gt/depth.
+  // What consecutive depth maps of a real sensor differ by where nothing moves; only without gt/depth, and when the
+  // camera stands still.
   std::optional<DepthScore> sensor_floor;
   std::vector<std::string> notes;  // truth that was not scored, and why
 };

@@ -198,13 +198,14 @@ json ToJson(const Evaluation& evaluation) {
 std::string FormatTable(const Evaluation& evaluation, int worst_frames) {
   const ComparisonScore& score = evaluation.score;
   std::string text = absl::StrFormat(
-      "%s against %s: %d frames, truth: %s, every %sdepth map was input\n"
+      "%s against %s: %d frames, truth: %s, input: %s\n"
       "scored where truth is known within %g m and all methods answer: %.1f %% of %d pixels\n\n",
       evaluation.result_dir, evaluation.reference_dir, score.frames.size(), evaluation.truth,
-      evaluation.key_every == 1 ? std::string() : absl::StrFormat("%d-th ", evaluation.key_every), kFarthestTruthM,
-      100.0 * CommonShare(score), score.truth_pixels);
+      evaluation.key_every == 1 ? std::string("all depth maps")
+                                : absl::StrFormat("1 in %d depth maps", evaluation.key_every),
+      kFarthestTruthM, 100.0 * CommonShare(score), score.truth_pixels);
   text += ScoreTable(evaluation) + RatioTable(evaluation) + MotionTable(evaluation) + UncertaintyLine(score.methods[0]);
-  if (evaluation.sensor_floor && evaluation.sensor_floor->pixels > 0)
+  if (evaluation.sensor_floor)
     absl::StrAppendFormat(
         &text, "\nsensor floor: consecutive depth maps differ by %s mm RMSE, %s mm MAE where nothing moves\n",
         Number(evaluation.sensor_floor->rmse_mm), Number(evaluation.sensor_floor->mae_mm));

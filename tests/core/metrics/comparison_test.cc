@@ -148,6 +148,7 @@ TEST(SensorFloor, ComparesOnlyWhereColourStandsStill) {
   const DepthScore score = floor.Score();
   EXPECT_NEAR(score.rmse_mm, 20.0, 1e-3);
   EXPECT_EQ(score.pixels, 3 * kHeight * (kWidth - 16));  // 10 columns, 2 of the mean's window, 4 of guard
+  EXPECT_NEAR(floor.StillShare(), (kWidth - 16.0) / kWidth, 1e-12);
   EXPECT_FALSE(floor.Add(Image<Rgb8>(3, 3), Image<float>(3, 3)).ok());
 }
 
