@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/mount.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -68,6 +69,24 @@ class TemporaryFolder {
 
  private:
   std::string path_;
+};
+
+// A file system of its own, in memory, that is soon full; unmounted at the end. Needs the right to mount.
+class SmallDisk {
+ public:
+  explicit SmallDisk(const std::string& size)
+      : mounted_(mount("tmpfs", folder_.path().c_str(), "tmpfs", 0, ("size=" + size).c_str()) == 0) {}
+  ~SmallDisk() {
+    if (mounted_) umount2(folder_.path().c_str(), MNT_DETACH);
+  }
+  SmallDisk(const SmallDisk&) = delete;
+  SmallDisk& operator=(const SmallDisk&) = delete;
+  bool mounted() const { return mounted_; }
+  const std::string& path() const { return folder_.path(); }
+
+ private:
+  TemporaryFolder folder_;
+  bool mounted_;
 };
 
 inline std::string ReadText(const std::string& path) {

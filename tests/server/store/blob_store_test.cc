@@ -1,9 +1,6 @@
 // Bytes and folders on the disk, checked by reading the files themselves.
 #include "server/store/blob_store.h"
 
-#include <signal.h>
-#include <sys/resource.h>
-
 #include "server/store/folder_blob_store.h"
 #include "tests/server/server_fixtures.h"
 
@@ -52,18 +49,17 @@ TEST_F(BlobStoreTest, RemovedFilesAreGoneAtOnce) {
   EXPECT_THAT(blobs_->Remove("s"), IsOk());
 }
 
-// A limit on the size of files stands in for a full disk.
-TEST_F(BlobStoreTest, FullDiskIsAStatus) {
-  EXPECT_THAT(blobs_->Write("s", "a", 0, "before"), IsOk());
-  rlimit old{};
-  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &old), 0);
-  signal(SIGXFSZ, SIG_IGN);
-  const rlimit small{1000, old.rlim_max};
-  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
-  const absl::Status status = blobs_->Write("s", "b", 0, std::string(2000, 'x'));
-  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &old), 0);
-  EXPECT_THAT(status, HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
-  EXPECT_EQ(Content("a"), "before");
+// A disk of one megabyte that is really full.
+TEST(BlobStore, FullDiskIsAStatus) {
+  const SmallDisk disk("1m");
+  if (!disk.mounted()) GTEST_SKIP() << "mounting a tmpfs is not permitted here";
+  const auto directory = Take(DataDirectory::Open(disk.path()));
+  const auto blobs = MakeFolderBlobStore(*directory);
+  EXPECT_THAT(blobs->Write("s", "a", 0, "before"), IsOk());
+  EXPECT_THAT(blobs->Write("s", "b", 0, std::string(2 << 20, 'x')),
+              HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
+  EXPECT_EQ(ReadText(directory->SequenceFolder("s") + "/a"), "before");
+  EXPECT_LT(Take(blobs->FreeBytes()), 1 << 20);
 }
 
 TEST(DataDirectory, BelongsToOneProcess) {

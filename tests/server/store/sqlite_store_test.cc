@@ -2,7 +2,6 @@
 #include "server/store/sqlite_store.h"
 
 #include <signal.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -86,22 +85,26 @@ TEST(SqliteStore, WhatWasAcknowledgedSurvivesAKill) {
   for (const std::string& made : acknowledged) EXPECT_THAT(store->GetSequence(made), IsOk());
 }
 
-// A limit on the size of files stands in for a full disk: SQLite gets the same kind of error from write().
-TEST(SqliteStore, FullDiskIsAStatusAndHarmsNothing) {
+TEST(SqliteDatabase, FullDatabaseIsAFullDisk) {
   const TemporaryFolder folder;
-  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  const auto database = Take(Database::Open(folder / "d.sqlite"));
+  EXPECT_THAT(database->RunScript("CREATE TABLE t (x TEXT) STRICT; PRAGMA max_page_count = 4"), IsOk());
+  EXPECT_THAT(database->Run("INSERT INTO t VALUES (?)", {std::string(100'000, 'x')}),
+              HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
+}
+
+// A disk of one megabyte that is really full.
+TEST(SqliteStore, FullDiskIsAStatusAndHarmsNothing) {
+  const SmallDisk disk("1m");
+  if (!disk.mounted()) GTEST_SKIP() << "mounting a tmpfs is not permitted here";
+  const auto store = Take(OpenSqliteStore(disk.path() + "/s.sqlite", {}));
   const SequenceRecord before = Take(store->CreateSequence("before", ""));
-  rlimit old{};
-  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &old), 0);
-  signal(SIGXFSZ, SIG_IGN);
-  const rlimit small{200 << 10, old.rlim_max};
-  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  WriteText(disk.path() + "/filler", std::string(2 << 20, 'x'));
   absl::Status failure;
-  int made = 0;
-  for (; made < 10000 && failure.ok(); ++made) failure = store->CreateSequence(std::string(200, 'x'), "").status();
-  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &old), 0);
-  EXPECT_THAT(failure, HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL")) << made;
+  for (int made = 0; made < 1000 && failure.ok(); ++made) failure = store->CreateSequence("", "").status();
+  EXPECT_THAT(failure, HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
   EXPECT_EQ(Take(store->GetSequence(before.id)).display_name, "before");
+  std::filesystem::remove(disk.path() + "/filler");
   EXPECT_THAT(store->CreateSequence("after", ""), IsOk()) << "with room again it goes on";
 }
 
