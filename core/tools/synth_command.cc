@@ -77,15 +77,19 @@ absl::Status ClearOutput(const std::string& out, bool force) {
   return absl::OkStatus();
 }
 
-absl::Status Synth(const SynthArguments& arguments) {
-  StopOnSignals signals;
+// The options as the library takes them. Everything wrong with them is said here, before anything is touched.
+absl::StatusOr<SyntheticOptions> ReadOptions(const SynthArguments& arguments) {
   SyntheticOptions options = arguments.options;
   RETURN_IF_ERROR(ParseSize(arguments.size, options));
   ASSIGN_OR_RETURN(options.sensor, SensorByName(arguments.noise));
   options.depth_phase_s = 1e-3 * arguments.depth_phase_ms;
   options.depth_clock.offset_s = 1e-3 * arguments.time_offset_ms;
-  // Everything wrong with the options is said before anything is removed.
   RETURN_IF_ERROR(SyntheticSequence::Create(options).status());
+  return options;
+}
+
+absl::Status Synth(const SynthArguments& arguments, const SyntheticOptions& options) {
+  StopOnSignals signals;
   RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
 
   int frames = 0;
@@ -165,7 +169,15 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
       ->type_name("N");
   command->add_flag("--no-truth", arguments->no_truth, "Only what the cameras record: no gt/, no depth_clean/");
   command->add_flag("--force", arguments->force, "Replace the recording in SEQ");
-  command->callback([=] { *exit_code = ReportStatus(Synth(*arguments)); });
+  command->callback([=] {
+    const absl::StatusOr<SyntheticOptions> read = ReadOptions(*arguments);
+    if (!read.ok()) {
+      ReportStatus(read.status());
+      *exit_code = kExitUsage;
+      return;
+    }
+    *exit_code = ReportStatus(Synth(*arguments, *read));
+  });
 }
 
 }  // namespace depthtween::tools
