@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
@@ -15,9 +17,9 @@ using testing::HasSubstr;
 namespace fs = std::filesystem;
 
 std::vector<std::string> Small(const std::string& scene, const std::string& out,
-                               const std::vector<std::string>& more = {}) {
-  std::vector<std::string> words = {"synth", scene,         "-o",  out,      "--frames",
-                                    "5",     "--depth-fps", "120", "--size", "64x48"};
+                               const std::vector<std::string>& more = {}, int frames = 5) {
+  std::vector<std::string> words = {"synth", scene, "-o", out, "--size", "64x48", "--depth-fps", "120"};
+  words.insert(words.end(), {"--frames", std::to_string(frames)});
   words.insert(words.end(), more.begin(), more.end());
   return words;
 }
