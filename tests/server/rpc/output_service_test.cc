@@ -1,0 +1,440 @@
+#include <zstd.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <thread>
+
+#include "core/base/image.h"
+#include "core/io/png.h"
+#include "proto/depthtween/crc32c.h"
+#include "tests/server/rpc/rpc_fixture.h"
+
+namespace depthtween::server {
+namespace {
+
+// One frame as a client puts it together.
+struct Frame {
+  v1::FrameHeader header;
+  int index = -1;
+  int next_frame = -1;
+  int chunks = 0;
+  std::string bytes;
+};
+
+class OutputServiceTest : public RpcTest {
+ protected:
+  std::unique_ptr<grpc::ClientReader<v1::FrameChunk>> Open(grpc::ClientContext* context,
+                                                           const v1::StreamFramesRequest& request) {
+    return outputs_stub().StreamFrames(context, request);
+  }
+
+  // Reads the next frame and checks what every frame promises. False at the end of the stream.
+  static bool ReadFrame(grpc::ClientReader<v1::FrameChunk>& reader, Frame* frame) {
+    *frame = Frame();
+    v1::FrameChunk chunk;
+    while (reader.Read(&chunk)) {
+      EXPECT_EQ(chunk.has_header(), frame->chunks == 0);
+      if (chunk.has_header()) {
+        frame->header = chunk.header();
+        frame->index = chunk.frame();
+      }
+      EXPECT_EQ(chunk.frame(), frame->index);
+      EXPECT_EQ(chunk.offset(), static_cast<int64_t>(frame->bytes.size()));
+      EXPECT_EQ(chunk.crc32c(), Crc32c(chunk.data()));
+      EXPECT_LE(chunk.ByteSizeLong(), 1U << 20);
+      frame->bytes += chunk.data();
+      ++frame->chunks;
+      if (!chunk.has_next_frame()) continue;
+      frame->next_frame = chunk.next_frame();
+      EXPECT_EQ(frame->header.size_bytes(), static_cast<int64_t>(frame->bytes.size()));
+      EXPECT_EQ(frame->header.crc32c(), Crc32c(frame->bytes));
+      return true;
+    }
+    EXPECT_EQ(frame->chunks, 0) << "the stream ended within a frame";
+    return false;
+  }
+
+  grpc::Status ReadAll(const v1::StreamFramesRequest& request, std::vector<Frame>* frames) {
+    grpc::ClientContext context;
+    const auto reader = Open(&context, request);
+    for (Frame frame; ReadFrame(*reader, &frame);) frames->push_back(frame);
+    return reader->Finish();
+  }
+  grpc::Status Read(const std::string& name, int64_t offset, int64_t limit, std::string* bytes) {
+    grpc::ClientContext context;
+    v1::ReadOutputRequest request;
+    request.set_name(name);
+    request.set_read_offset(offset);
+    request.set_read_limit(limit);
+    const auto reader = outputs_stub().ReadOutput(&context, request);
+    v1::ReadOutputResponse chunk;
+    while (reader->Read(&chunk)) {
+      EXPECT_EQ(chunk.offset(), offset + static_cast<int64_t>(bytes->size()));
+      EXPECT_EQ(chunk.crc32c(), Crc32c(chunk.data()));
+      *bytes += chunk.data();
+    }
+    return reader->Finish();
+  }
+
+  v1::Job SucceededJob() { return WaitUntilEnded(CreateJob(ReadySequence()).name()); }
+  std::string StoredFile(const v1::Job& job, const std::string& path) {
+    return directory().OutFolder(IdOf(job.name())) + "/" + path;
+  }
+};
+
+v1::StreamFramesRequest Request(const v1::Job& job, const std::string& output) {
+  v1::StreamFramesRequest request;
+  request.set_name(job.name() + "/outputs/" + output);
+  return request;
+}
+
+std::vector<int> Indices(const std::vector<Frame>& frames) {
+  std::vector<int> indices;
+  for (const Frame& frame : frames) indices.push_back(frame.index);
+  return indices;
+}
+
+std::string Decompress(const std::string& bytes) {
+  std::string content(ZSTD_getFrameContentSize(bytes.data(), bytes.size()), '\0');
+  EXPECT_EQ(ZSTD_decompress(content.data(), content.size(), bytes.data(), bytes.size()), content.size());
+  return content;
+}
+
+TEST_F(OutputServiceTest, ListsWhatAJobHas) {
+  const v1::Sequence sequence = ReadySequence("wait_at 1");
+  const v1::Job job = CreateJob(sequence);
+  while (GetJob(job.name()).progress().frames_done() < 2) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  v1::ListOutputsRequest request;
+  request.set_parent(job.name());
+  v1::ListOutputsResponse running, done;
+  grpc::ClientContext running_context, done_context;
+  ASSERT_THAT(outputs_stub().ListOutputs(&running_context, request, &running), Succeeds());
+  ASSERT_EQ(running.outputs_size(), 6);
+  EXPECT_EQ(running.outputs(0).name(), job.name() + "/outputs/depth");
+  EXPECT_EQ(running.outputs(0).kind(), v1::Output::KIND_FRAMES);
+  EXPECT_EQ(running.outputs(0).frames_ready(), 2);
+  EXPECT_EQ(running.outputs(0).frame_count(), 6);
+  EXPECT_EQ(running.outputs(0).encodings_size(), 5);
+  EXPECT_EQ(running.outputs(2).encodings_size(), 3);  // provenance is not metres
+  EXPECT_EQ(running.outputs(3).file_name(), "report.json");
+  EXPECT_FALSE(running.outputs(3).ready());
+  Go(sequence);
+  WaitUntilEnded(job.name());
+  ASSERT_THAT(outputs_stub().ListOutputs(&done_context, request, &done), Succeeds());
+  EXPECT_EQ(done.outputs(1).frames_ready(), 6);
+  EXPECT_TRUE(done.outputs(3).ready());
+  EXPECT_EQ(done.outputs(3).size_bytes(), static_cast<int64_t>(ReadText(StoredFile(job, "report.json")).size()));
+}
+
+// PNG is the stored file byte for byte, in as many chunks as it takes.
+TEST_F(OutputServiceTest, StreamsStoredFilesInChunks) {
+  const v1::Job job = SucceededJob();
+  const std::string large = RandomBytes(1'300'000, 7);
+  WriteText(StoredFile(job, "depth/000001.png"), large);
+  std::vector<Frame> frames;
+  ASSERT_THAT(ReadAll(Request(job, "depth"), &frames), Succeeds());
+  ASSERT_EQ(Indices(frames), (std::vector<int>{0, 1, 2, 3, 4, 5}));
+  EXPECT_EQ(frames[0].bytes, "depth 0");
+  EXPECT_EQ(frames[1].bytes, large);
+  EXPECT_GT(frames[1].chunks, 4);
+  const v1::FrameHeader& header = frames[3].header;
+  EXPECT_EQ(header.time_ns(), 3000);
+  EXPECT_EQ(header.stem(), "000003");
+  EXPECT_EQ(header.encoding(), v1::ENCODING_PNG);
+  EXPECT_EQ(header.units_per_metre(), 5000.0);
+  EXPECT_EQ(header.invalid_value(), 0U);
+  EXPECT_EQ(header.camera().fx(), 5.0);
+  frames.clear();
+  ASSERT_THAT(ReadAll(Request(job, "uncertainty"), &frames), Succeeds());
+  EXPECT_EQ(frames[2].bytes, "uncertainty 2");
+  EXPECT_EQ(frames[2].header.invalid_value(), 65535U);
+}
+
+// All encodings are the same numbers: raw integers are the pixels, floats are integers over units_per_metre, zstd is
+// either of them compressed.
+TEST_F(OutputServiceTest, EncodingsAgreeBitForBit) {
+  const v1::Job job = SucceededJob();
+  Image<uint16_t> stored(4, 3);
+  for (int i = 0; i < 12; ++i) stored.data()[i] = static_cast<uint16_t>(i * 5461);
+  stored(3, 2) = 65535;
+  Image<uint8_t> provenance(4, 3);
+  for (int i = 0; i < 12; ++i) provenance.data()[i] = static_cast<uint8_t>(i % 6);
+  for (int frame = 0; frame < 6; ++frame) {
+    const std::string name = "/00000" + std::to_string(frame) + ".png";
+    ASSERT_THAT(WritePng16(StoredFile(job, "depth" + name), stored), IsOk());
+    ASSERT_THAT(WritePng16(StoredFile(job, "uncertainty" + name), stored), IsOk());
+    ASSERT_THAT(WritePng8(StoredFile(job, "provenance" + name), provenance), IsOk());
+  }
+  const auto bytes = [&](const std::string& output, v1::Encoding encoding) {
+    v1::StreamFramesRequest request = Request(job, output);
+    request.set_encoding(encoding);
+    request.set_end_frame(1);
+    std::vector<Frame> frames;
+    EXPECT_THAT(ReadAll(request, &frames), Succeeds());
+    EXPECT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].header.encoding(), encoding);
+    return frames[0].bytes;
+  };
+  const std::string pixels(reinterpret_cast<const char*>(stored.data()), 24);
+  for (const std::string output : {"depth", "uncertainty"}) {
+    EXPECT_EQ(bytes(output, v1::ENCODING_RAW), pixels);
+    EXPECT_EQ(Decompress(bytes(output, v1::ENCODING_RAW_ZSTD)), pixels);
+    const std::string metres = bytes(output, v1::ENCODING_F32);
+    ASSERT_EQ(metres.size(), 48U);
+    EXPECT_EQ(Decompress(bytes(output, v1::ENCODING_F32_ZSTD)), metres);
+    for (int i = 0; i < 12; ++i) {
+      float value = 0;
+      std::memcpy(&value, metres.data() + 4 * i, 4);
+      const uint16_t units = stored.data()[i];
+      if (output == "uncertainty" && units == 65535) {
+        EXPECT_EQ(value, std::numeric_limits<float>::infinity());
+      } else {
+        EXPECT_EQ(std::lround(double{value} * 5000.0), units);
+      }
+    }
+  }
+  EXPECT_EQ(bytes("provenance", v1::ENCODING_RAW), std::string(reinterpret_cast<const char*>(provenance.data()), 12));
+}
+
+TEST_F(OutputServiceTest, StartEndAndStrideSelectFrames) {
+  const v1::Job job = SucceededJob();
+  v1::StreamFramesRequest request = Request(job, "depth");
+  request.set_start_frame(1);
+  request.set_end_frame(5);
+  request.set_stride(3);
+  std::vector<Frame> frames;
+  ASSERT_THAT(ReadAll(request, &frames), Succeeds());
+  EXPECT_EQ(Indices(frames), (std::vector<int>{1, 4}));
+  request.set_end_frame(1);
+  frames.clear();
+  EXPECT_THAT(ReadAll(request, &frames), Succeeds());
+  EXPECT_TRUE(frames.empty());
+  request = Request(job, "depth");
+  request.set_start_frame(6);
+  EXPECT_THAT(ReadAll(request, &frames), Succeeds());
+  request.set_start_frame(7);
+  EXPECT_THAT(ReadAll(request, &frames), Fails(grpc::OUT_OF_RANGE, "NO_SUCH_FRAME"));
+  request.set_start_frame(0);
+  request.set_stride(std::numeric_limits<int>::max());
+  ASSERT_THAT(ReadAll(request, &frames), Succeeds());
+  EXPECT_EQ(Indices(frames), (std::vector<int>{0}));
+}
+
+// next_frame of the last frame seen is all a client needs: the two streams together are the whole, with its stride.
+TEST_F(OutputServiceTest, AStreamResumesAfterAnyFrame) {
+  const v1::Job job = SucceededJob();
+  v1::StreamFramesRequest request = Request(job, "depth");
+  request.set_stride(2);
+  Frame first;
+  {
+    grpc::ClientContext context;
+    const auto reader = Open(&context, request);
+    ASSERT_TRUE(ReadFrame(*reader, &first));
+    context.TryCancel();
+  }
+  request.set_start_frame(first.next_frame);
+  std::vector<Frame> rest;
+  ASSERT_THAT(ReadAll(request, &rest), Succeeds());
+  EXPECT_EQ(Indices(rest), (std::vector<int>{2, 4}));
+}
+
+TEST_F(OutputServiceTest, FollowDeliversFramesWhileTheJobRuns) {
+  const v1::Sequence sequence = ReadySequence("intervals 4\nwait_at 2");
+  const v1::Job job = CreateJob(sequence);
+  v1::StreamFramesRequest request = Request(job, "depth");
+  request.set_follow(true);
+  grpc::ClientContext context;
+  const auto reader = Open(&context, request);
+  Frame frame;
+  for (int i = 0; i < 4; ++i) {
+    ASSERT_TRUE(ReadFrame(*reader, &frame));
+    EXPECT_EQ(frame.index, i);
+  }
+  EXPECT_EQ(GetJob(job.name()).state(), v1::Job::STATE_RUNNING);
+  // Without follow a stream ends where the frames do; with an end it need not wait for the job.
+  std::vector<Frame> ready;
+  EXPECT_THAT(ReadAll(Request(job, "depth"), &ready), Succeeds());
+  EXPECT_EQ(ready.size(), 4U);
+  request.set_end_frame(3);
+  ready.clear();
+  EXPECT_THAT(ReadAll(request, &ready), Succeeds());
+  EXPECT_EQ(ready.size(), 3U);
+  Go(sequence);
+  for (int i = 4; i < 8; ++i) {
+    ASSERT_TRUE(ReadFrame(*reader, &frame));
+    EXPECT_EQ(frame.index, i);
+  }
+  EXPECT_FALSE(ReadFrame(*reader, &frame));
+  EXPECT_THAT(reader->Finish(), Succeeds());
+  EXPECT_EQ(GetJob(job.name()).state(), v1::Job::STATE_SUCCEEDED);
+}
+
+TEST_F(OutputServiceTest, FollowEndsWithAJobThatDoesNotSucceed) {
+  const v1::Job failing = CreateJob(ReadySequence("error_at 1 DATA_LOSS"));
+  v1::StreamFramesRequest request = Request(failing, "depth");
+  request.set_follow(true);
+  std::vector<Frame> frames;
+  const grpc::Status failed = ReadAll(request, &frames);
+  EXPECT_THAT(failed, Fails(grpc::ABORTED, "JOB_FAILED"));
+  EXPECT_THAT(failed.error_message(), testing::HasSubstr("as the script says"));
+  EXPECT_EQ(Detail<google::rpc::ErrorInfo>(failed)->metadata().at("next_frame"), "2");
+  EXPECT_EQ(frames.size(), 2U);
+
+  const v1::Job job = CreateJob(ReadySequence("wait_at 1"));
+  request = Request(job, "depth");
+  request.set_follow(true);
+  grpc::ClientContext context;
+  const auto reader = Open(&context, request);
+  Frame frame;
+  ASSERT_TRUE(ReadFrame(*reader, &frame));
+  grpc::ClientContext cancel_context;
+  v1::CancelJobRequest cancel;
+  cancel.set_name(job.name());
+  v1::Job cancelled;
+  ASSERT_THAT(jobs_stub().CancelJob(&cancel_context, cancel, &cancelled), Succeeds());
+  while (ReadFrame(*reader, &frame)) {
+  }
+  EXPECT_THAT(reader->Finish(), Fails(grpc::ABORTED, "JOB_CANCELLED"));
+}
+
+TEST_F(OutputServiceTest, BadRequestsNameTheirField) {
+  const v1::Job job = SucceededJob();
+  std::vector<Frame> frames;
+  v1::StreamFramesRequest request;
+  EXPECT_THAT(ReadAll(request, &frames), FailsAtField("name"));
+  request = Request(job, "depth");
+  request.set_start_frame(-1);
+  EXPECT_THAT(ReadAll(request, &frames), FailsAtField("start_frame"));
+  request.set_start_frame(3);
+  request.set_end_frame(2);
+  EXPECT_THAT(ReadAll(request, &frames), FailsAtField("end_frame"));
+  request = Request(job, "depth");
+  request.set_stride(-1);
+  EXPECT_THAT(ReadAll(request, &frames), FailsAtField("stride"));
+  request = Request(job, "provenance");
+  request.set_encoding(v1::ENCODING_F32);
+  EXPECT_THAT(ReadAll(request, &frames), FailsAtField("encoding"));
+  std::string bytes;
+  EXPECT_THAT(Read("x", 0, 0, &bytes), FailsAtField("name"));
+  EXPECT_THAT(Read(job.name() + "/outputs/report", -1, 0, &bytes), FailsAtField("read_offset"));
+  EXPECT_THAT(Read(job.name() + "/outputs/report", 0, -1, &bytes), FailsAtField("read_limit"));
+  grpc::ClientContext context;
+  v1::ListOutputsResponse list;
+  EXPECT_THAT(outputs_stub().ListOutputs(&context, v1::ListOutputsRequest(), &list), FailsAtField("parent"));
+}
+
+TEST_F(OutputServiceTest, UnknownJobsAndOutputsAreNotFound) {
+  const v1::Job job = SucceededJob();
+  std::vector<Frame> frames;
+  std::string bytes;
+  const std::string unknown_job = "jobs/0123456789abcdef";
+  v1::StreamFramesRequest request;
+  request.set_name(unknown_job + "/outputs/depth");
+  for (const grpc::Status& status : {ReadAll(request, &frames), Read(unknown_job + "/outputs/report", 0, 0, &bytes)}) {
+    EXPECT_THAT(status, Fails(grpc::NOT_FOUND, "NO_SUCH_RESOURCE"));
+    EXPECT_EQ(Detail<google::rpc::ResourceInfo>(status)->resource_name(), unknown_job);
+  }
+  const grpc::Status status = ReadAll(Request(job, "colour"), &frames);
+  EXPECT_THAT(status, Fails(grpc::NOT_FOUND, "NO_SUCH_RESOURCE"));
+  EXPECT_EQ(Detail<google::rpc::ResourceInfo>(status)->resource_type(), "depthtween/Output");
+  EXPECT_THAT(ReadAll(Request(job, "report"), &frames), Fails(grpc::FAILED_PRECONDITION, "NOT_FRAMES"));
+  EXPECT_THAT(Read(job.name() + "/outputs/depth", 0, 0, &bytes), Fails(grpc::FAILED_PRECONDITION, "NOT_A_FILE"));
+}
+
+// A recorded frame whose file is gone or damaged is our loss, and the stream says which one.
+TEST_F(OutputServiceTest, DamagedResultsAreDataLoss) {
+  const v1::Job job = SucceededJob();
+  v1::StreamFramesRequest request = Request(job, "depth");
+  request.set_encoding(v1::ENCODING_RAW);  // fake_core's files are no PNGs
+  std::vector<Frame> frames;
+  grpc::Status status = ReadAll(request, &frames);
+  EXPECT_EQ(status.error_code(), grpc::DATA_LOSS);
+  EXPECT_THAT(status.error_message(), testing::HasSubstr("frame 0"));
+  std::filesystem::remove(StoredFile(job, "depth/000002.png"));
+  status = ReadAll(Request(job, "depth"), &frames);
+  EXPECT_EQ(status.error_code(), grpc::DATA_LOSS);
+  EXPECT_EQ(frames.size(), 2U);
+}
+
+TEST_F(OutputServiceTest, FilesAreReadFromAnyPosition) {
+  const v1::Job job = SucceededJob();
+  const std::string report = RandomBytes(700'000, 5);
+  WriteText(StoredFile(job, "report.json"), report);
+  const std::string name = job.name() + "/outputs/report";
+  std::string bytes;
+  ASSERT_THAT(Read(name, 0, 0, &bytes), Succeeds());
+  EXPECT_EQ(bytes, report);
+  bytes.clear();
+  ASSERT_THAT(Read(name, 300'001, 5, &bytes), Succeeds());
+  EXPECT_EQ(bytes, report.substr(300'001, 5));
+  bytes.clear();
+  ASSERT_THAT(Read(name, 699'999, std::numeric_limits<int64_t>::max(), &bytes), Succeeds());
+  EXPECT_EQ(bytes, report.substr(699'999));
+  bytes.clear();
+  EXPECT_THAT(Read(name, 700'000, 0, &bytes), Succeeds());
+  EXPECT_EQ(bytes, "");
+  EXPECT_THAT(Read(name, 700'001, 0, &bytes), Fails(grpc::OUT_OF_RANGE, "BEYOND_END"));
+
+  const v1::Job failed = WaitUntilEnded(CreateJob(ReadySequence("error_at 0 DATA_LOSS")).name());
+  EXPECT_THAT(Read(failed.name() + "/outputs/report", 0, 0, &bytes), Fails(grpc::FAILED_PRECONDITION, "WRONG_STATE"));
+}
+
+// More readers than threads, none of which reads: other calls are answered as if they were not there.
+TEST_F(OutputServiceTest, ReadersThatDoNotReadHoldNoThread) {
+  rpc_options.call_threads = 2;
+  const v1::Job job = SucceededJob();
+  // Larger than what the transport buffers, so that the writes really wait.
+  for (int frame = 0; frame < 6; ++frame) {
+    WriteText(StoredFile(job, "depth/00000" + std::to_string(frame) + ".png"), RandomBytes(1 << 20, frame));
+  }
+  std::vector<std::unique_ptr<grpc::ClientContext>> contexts;
+  std::vector<std::unique_ptr<grpc::ClientReader<v1::FrameChunk>>> readers;
+  for (int i = 0; i < 8; ++i) {
+    contexts.push_back(std::make_unique<grpc::ClientContext>());
+    readers.push_back(Open(contexts.back().get(), Request(job, "depth")));
+    v1::FrameChunk chunk;
+    ASSERT_TRUE(readers.back()->Read(&chunk));
+  }
+  EXPECT_EQ(GetJob(job.name()).state(), v1::Job::STATE_SUCCEEDED);
+  std::vector<Frame> frames;
+  EXPECT_THAT(ReadAll(Request(job, "uncertainty"), &frames), Succeeds());
+  EXPECT_EQ(frames.size(), 6U);
+  for (const auto& context : contexts) context->TryCancel();
+}
+
+// The memory of all streams together is bounded: the one too many is asked to come back.
+TEST_F(OutputServiceTest, StreamsBeyondTheMemoryAreRefused) {
+  rpc_options.frame_memory_bytes = 2 * 9 * 4 * 3;  // two streams of 4 x 3 pixels, see FrameMemoryBytes
+  const v1::Sequence sequence = ReadySequence("wait_at 1");
+  const v1::Job job = CreateJob(sequence);
+  v1::StreamFramesRequest request = Request(job, "depth");
+  request.set_follow(true);
+  Frame frame;
+  {
+    grpc::ClientContext context, other_context;
+    const auto reader = Open(&context, request), other = Open(&other_context, request);
+    ASSERT_TRUE(ReadFrame(*reader, &frame));
+    ASSERT_TRUE(ReadFrame(*other, &frame));
+    std::vector<Frame> frames;
+    const grpc::Status status = ReadAll(request, &frames);
+    EXPECT_THAT(status, Fails(grpc::RESOURCE_EXHAUSTED, "SERVER_BUSY"));
+    EXPECT_TRUE(Detail<google::rpc::RetryInfo>(status).has_value());
+    context.TryCancel();
+    other_context.TryCancel();
+  }
+  // Streams that are gone give their memory back.
+  Go(sequence);
+  WaitUntilEnded(job.name());
+  grpc::Status status;
+  std::vector<Frame> frames;
+  do {
+    frames.clear();
+    status = ReadAll(request, &frames);
+  } while (status.error_code() == grpc::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(status, Succeeds());
+  EXPECT_EQ(frames.size(), 6U);
+}
+
+}  // namespace
+}  // namespace depthtween::server
