@@ -39,6 +39,11 @@ std::vector<std::string> FoldersIn(const std::string& path) {
   return names;
 }
 
+// A status for the log, without its payload.
+std::string Words(const absl::Status& status) {
+  return status.ok() ? "OK" : absl::StrCat(absl::StatusCodeToString(status.code()), ": ", status.message());
+}
+
 class Manager : public JobManager {
  public:
   Manager(DataDirectory& directory, Store& store, const JobManagerOptions& options)
@@ -279,7 +284,7 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   if (claimed.ok()) {
     work_.wait(lock, stop, woken);
   } else {
-    LogError("cannot claim work", {{"error", claimed.status().ToString()}});
+    LogError("cannot claim work", {{"error", Words(claimed.status())}});
     work_.wait_for(lock, stop, kStoreRetryGap, woken);
   }
   return std::nullopt;
@@ -312,15 +317,16 @@ void Manager::RunTask(const Task& task, const std::stop_token& stop) {
                    .on_interval = [&](const PlannedInterval& interval,
                                       double seconds) { return OnInterval(task, interval, seconds); }});
   Log(outcome.error.ok() || outcome.stopped ? LogLevel::kInfo : LogLevel::kWarning, "task ended",
-      {{"task", absl::StrCat(task.number)}, {"job", task.job_id}, {"status", outcome.error.ToString()}});
+      {{"task", absl::StrCat(task.number)}, {"job", task.job_id}, {"status", Words(outcome.error)}});
+  // Before its end is recorded: on a full disk the record may need the room.
+  if (const absl::Status discarded = directory_.Discard(directory_.TaskFolder(task.number)); !discarded.ok()) {
+    LogWarning("cannot discard a task's folder", {{"error", Words(discarded)}});
+  }
   Settle(task, outcome, stop);
   {
     const std::lock_guard lock(changes_);
     running_.erase(task.number);
     if (task.kind == TaskKind::kValidate) validations_.erase(task.sequence_id);
-  }
-  if (const absl::Status discarded = directory_.Discard(directory_.TaskFolder(task.number)); !discarded.ok()) {
-    LogWarning("cannot discard a task's folder", {{"error", discarded.ToString()}});
   }
   // Ending a task may have made the next one.
   Wake();
@@ -366,7 +372,7 @@ void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::st
   // A store that cannot write now, for want of room, may later. When the server stops first, the next start gives the
   // task back.
   while (!recorded.ok() && !absl::IsFailedPrecondition(recorded) && !stop.stop_requested()) {
-    LogError("cannot record the end of a task", {{"task", absl::StrCat(task.number)}, {"error", recorded.ToString()}});
+    LogError("cannot record the end of a task", {{"task", absl::StrCat(task.number)}, {"error", Words(recorded)}});
     work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
     recorded = RecordOutcome(task, outcome);
   }

@@ -1,0 +1,177 @@
+// Speaks the protocol of `depthtween-core task` without computing anything, and misbehaves when its script says so.
+//
+// The script is the file "script" of the sequence folder, one "word [number [rest]]" a line:
+//   intervals N        the clip has N intervals of two frames (3 if not said)
+//   invalid            validate finds a violation
+//   crash_at I TIMES   dies by SIGSEGV when it begins interval I, the first TIMES times
+//   crash_validate     dies by SIGABRT in validate
+//   error_at I CODE    reports that error when it begins interval I
+//   wait_at I          waits at interval I until the sequence folder has a file "go"
+//   ignore_term        ignores SIGTERM, and so does a process that it starts and leaves behind
+//   fill_at I          writes a file of 1 MiB at interval I, reporting RESOURCE_EXHAUSTED if it cannot
+//   lie_at I           says that interval I is done without writing its files
+//   quit_at I          ends with exit code 0 when it begins interval I
+// It appends "start PID\n" and "interval I\n" to the file "log" of the sequence folder.
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <sstream>
+#include <string>
+
+namespace {
+
+std::map<std::string, std::string> options;
+
+struct Order {
+  int number = 0;
+  std::string rest;
+};
+std::map<std::string, Order> script;
+
+bool Says(const char* word, int number) { return script.count(word) > 0 && script[word].number == number; }
+
+void Append(const std::string& file, const std::string& text) {
+  const int fd = open(file.c_str(), O_WRONLY | O_CREAT | O_APPEND, 0644);
+  if (write(fd, text.data(), text.size()) < 0) exit(9);
+  close(fd);
+}
+
+void WriteFile(const std::string& path, const std::string& text) { std::ofstream(path) << text; }
+
+std::string ReadFile(const std::string& path) {
+  std::stringstream content;
+  content << std::ifstream(path).rdbuf();
+  return content.str();
+}
+
+void Tell(const std::string& line) {
+  const std::string text = line + "\n";
+  if (write(std::stoi(options["--progress-fd"]), text.data(), text.size()) < 0) exit(8);
+}
+
+[[noreturn]] void FailWith(const std::string& code, const std::string& message) {
+  Tell(R"({"error":{"code":")" + code + R"(","message":")" + message + R"("}})");
+  exit(1);
+}
+
+void Die(int signal_number) {
+  signal(signal_number, SIG_DFL);
+  raise(signal_number);
+}
+
+std::string Stem(int frame) {
+  char text[16];
+  snprintf(text, sizeof(text), "%06d", frame);
+  return text;
+}
+
+void Validate() {
+  if (script.count("crash_validate") > 0) {
+    fputs("about to abort\n", stderr);
+    Die(SIGABRT);
+  }
+  Tell(R"({"checked":1,"of":2})");
+  Tell("this is no JSON");
+  const bool ok = script.count("invalid") == 0;
+  printf(R"({"ok":%s,"violations":[%s],"warnings":["fake"],"width":4,"height":3,"depth_scale":5000,
+"camera":{"width":4,"height":3,"fx":5,"fy":5,"cx":1.5,"cy":1,"depth_scale":5000},"median_depth_m":1.5,
+"color":[{"time_ns":10,"path":"rgb/0.png"},{"time_ns":20,"path":"rgb/1.png"}],"depth":[{"time_ns":10,"path":"depth/0.png"}]})",
+         ok ? "true" : "false", ok ? "" : R"({"file":"depth/0.png","code":"DATA_LOSS","message":"cut short"})");
+}
+
+void Prepare(int intervals) {
+  std::string list, frames;
+  for (int i = 0; i < intervals; ++i) {
+    list += std::string(i > 0 ? "," : "") + R"({"index":)" + std::to_string(i) + R"(,"first_frame":)" +
+            std::to_string(2 * i) + R"(,"frame_count":2,"held":false})";
+    for (int frame = 2 * i; frame < 2 * i + 2; ++frame) {
+      frames += std::string(frame > 0 ? "," : "") + R"({"index":)" + std::to_string(frame) + R"(,"time_ns":)" +
+                std::to_string(1000 * frame) + R"(,"stem":")" + Stem(frame) + "\"}";
+    }
+  }
+  WriteFile(options["--constants"], R"({"constants":{},"intervals":[)" + list + R"(],"frames":[)" + frames + "]}");
+}
+
+void ComputeInterval(int interval) {
+  const std::string sequence = options["--sequence"], out = options["--out"];
+  if (Says("crash_at", interval)) {
+    const std::string crashes = sequence + "/crashes";
+    if (static_cast<int>(ReadFile(crashes).size()) < std::stoi(script["crash_at"].rest)) {
+      Append(crashes, "x");
+      Die(SIGSEGV);
+    }
+  }
+  if (Says("error_at", interval)) FailWith(script["error_at"].rest, "as the script says");
+  if (Says("quit_at", interval)) exit(0);
+  while (Says("wait_at", interval) && access((sequence + "/go").c_str(), F_OK) != 0) usleep(1000);
+  if (Says("fill_at", interval)) {
+    const int fd = open((out + "/big").c_str(), O_WRONLY | O_CREAT, 0644);
+    const std::string big(1 << 20, 'x');
+    if (write(fd, big.data(), big.size()) != static_cast<ssize_t>(big.size()))
+      FailWith("RESOURCE_EXHAUSTED", "no room");
+    close(fd);
+  }
+  Tell(R"({"stage":"flow","interval":)" + std::to_string(interval) + "}");
+  if (!Says("lie_at", interval)) {
+    for (const char* output : {"depth", "uncertainty", "provenance"}) {
+      mkdir((out + "/" + output).c_str(), 0755);
+      for (int frame = 2 * interval; frame < 2 * interval + 2; ++frame) {
+        WriteFile(out + "/" + output + "/" + Stem(frame) + ".png", std::string(output) + " " + std::to_string(frame));
+      }
+    }
+  }
+  WriteFile(out + "/interval_" + Stem(interval) + ".json", "{}");
+  Append(sequence + "/log", "interval " + std::to_string(interval) + "\n");
+  Tell(R"({"interval_done":)" + std::to_string(interval) + R"(,"seconds":0.25,"frames":2})");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 3 || strcmp(argv[1], "task") != 0) return 2;
+  const std::string kind = argv[2];
+  for (int i = 3; i + 1 < argc; i += 2) options[argv[i]] = argv[i + 1];
+  const std::string sequence = options["--sequence"];
+  std::istringstream lines(ReadFile(sequence + "/script"));
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    std::string word;
+    Order order;
+    words >> word >> order.number >> order.rest;
+    script[word] = order;
+  }
+  if (script.count("ignore_term") > 0) {
+    signal(SIGTERM, SIG_IGN);
+    if (kind == "intervals" && fork() == 0) {
+      Append(sequence + "/log", "start " + std::to_string(getpid()) + "\n");
+      while (true) pause();
+    }
+  }
+  signal(SIGPIPE, SIG_IGN);
+  const int intervals = script.count("intervals") > 0 ? script["intervals"].number : 3;
+  if (kind == "validate") Validate();
+  if (kind == "prepare") Prepare(intervals);
+  if (kind == "intervals") {
+    Append(sequence + "/log", "start " + std::to_string(getpid()) + "\n");
+    const int first = std::stoi(options["--first"]), count = std::stoi(options["--count"]);
+    for (int i = first; i < first + count; ++i) ComputeInterval(i);
+  }
+  if (kind == "assemble") {
+    const std::string out = options["--out"];
+    for (int i = 0; i < intervals; ++i) {
+      if (access((out + "/interval_" + Stem(i) + ".json").c_str(), F_OK) != 0)
+        FailWith("FAILED_PRECONDITION", "incomplete");
+    }
+    WriteFile(out + "/report.json", ReadFile(options["--options"]));
+    WriteFile(out + "/depth.txt", "");
+    WriteFile(out + "/camera.json", "{}");
+  }
+  return 0;
+}

@@ -1,0 +1,401 @@
+// Jobs from end to end with fake_core, whose log says which intervals were computed, how often and by which process.
+#include "server/jobs/job_manager.h"
+
+#include <sys/wait.h>
+
+#include <atomic>
+#include <set>
+
+#include "tests/server/jobs/jobs_fixture.h"
+
+namespace depthtween::server {
+namespace {
+
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::SizeIs;
+
+class JobManagerTest : public JobsFixture {};
+
+TEST_F(JobManagerTest, WholeLife) {
+  Start();
+  const std::string sequence = ReadySequence();
+  const Recording recording = *Take(sequences_->Get(sequence)).validation.recording;
+  EXPECT_EQ(recording.color_frame_count, 2);
+  EXPECT_EQ(recording.depth_frame_count, 1);
+  EXPECT_EQ(recording.camera.cx, 1.5);
+  EXPECT_EQ(recording.last_time_ns, 20);
+
+  const std::string job =
+      Take(jobs_->Create({.sequence_id = sequence, .options = {.key_every = 2}}, "", false)).record.id;
+  const JobView ended = Ended(job);
+  EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
+  EXPECT_EQ(ended.progress.stage, "succeeded");
+  EXPECT_EQ(ended.progress.fraction, 1.0);
+  EXPECT_EQ(ended.progress.frames_done, 6);
+  EXPECT_EQ(ended.record.interval_seconds, 0.75);
+  EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
+  for (const FrameRecord& frame : Take(jobs_->Frames(job, 0, 100))) {
+    EXPECT_TRUE(frame.ready);
+    EXPECT_EQ(frame.time_ns, 1000 * frame.index);
+    EXPECT_EQ(Frame(job, OutputKind::kDepth, frame.stem), "depth " + std::to_string(frame.index));
+    EXPECT_EQ(Frame(job, OutputKind::kUncertainty, frame.stem), "uncertainty " + std::to_string(frame.index));
+    EXPECT_EQ(Frame(job, OutputKind::kProvenance, frame.stem), "provenance " + std::to_string(frame.index));
+  }
+  // fake_core reports the options it was given; threads is what the server decided.
+  EXPECT_EQ(ReadText(jobs_->OutputFile(job, OutputKind::kReport)), R"({"key_every":2,"method":"ours","threads":1})");
+  WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
+
+  EXPECT_THAT(jobs_->Delete(job), IsOk());
+  EXPECT_FALSE(std::filesystem::exists(directory_->JobFolder(job)));
+  EXPECT_THAT(jobs_->Get(job), HasCode(absl::StatusCode::kNotFound));
+}
+
+TEST_F(JobManagerTest, ValidationNamesTheFile) {
+  Start();
+  const SequenceRecord sequence = Validated(CommittedSequence("invalid\n"));
+  EXPECT_EQ(sequence.state, SequenceState::kInvalid);
+  ASSERT_THAT(sequence.validation.violations, SizeIs(1));
+  EXPECT_EQ(sequence.validation.violations[0].file, "depth/0.png");
+  EXPECT_THAT(sequence.validation.violations[0].status, HasCode(absl::StatusCode::kDataLoss));
+  EXPECT_THAT(sequence.validation.warnings, ElementsAre("fake"));
+}
+
+TEST_F(JobManagerTest, ValidationThatCrashesLeavesAnInvalidSequenceAndAServerThatGoesOn) {
+  Start();
+  const SequenceRecord sequence = Validated(CommittedSequence("crash_validate\n"));
+  EXPECT_EQ(sequence.state, SequenceState::kInvalid);
+  EXPECT_THAT(std::string(sequence.validation.error.message()),
+              AllOf(HasSubstr("SIGABRT"), HasSubstr("about to abort")));
+  EXPECT_EQ(Ended(NewJobOn(ReadySequence())).record.state, JobState::kSucceeded);
+}
+
+TEST_F(JobManagerTest, CrashedChildIsTriedAgain) {
+  Start();
+  const std::string sequence = ReadySequence("crash_at 1 2\n");
+  EXPECT_EQ(Ended(NewJobOn(sequence)).record.state, JobState::kSucceeded);
+  // Three attempts; interval 0 was done before the first crash and stays done.
+  EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
+}
+
+TEST_F(JobManagerTest, ThirdCrashFailsTheJobWithItsReason) {
+  Start();
+  const std::string sequence = ReadySequence("crash_at 1 3\n");
+  const std::string job = NewJobOn(sequence);
+  const JobRecord failed = Ended(job).record;
+  EXPECT_EQ(failed.state, JobState::kFailed);
+  EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kInternal));
+  EXPECT_THAT(std::string(failed.error.message()), HasSubstr("SIGSEGV"));
+  EXPECT_TRUE(Take(jobs_->Frames(job, 0, 1))[0].ready) << "finished frames stay readable";
+
+  // The script has no fourth crash.
+  EXPECT_EQ(Take(jobs_->Retry(job)).record.attempt, 2);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
+}
+
+TEST_F(JobManagerTest, ErrorThatNamesItsCauseIsNotTriedAgain) {
+  Start();
+  const std::string sequence = ReadySequence("error_at 1 DATA_LOSS\n");
+  const JobRecord failed = Ended(NewJobOn(sequence)).record;
+  EXPECT_EQ(failed.state, JobState::kFailed);
+  EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kDataLoss));
+  EXPECT_THAT(std::string(failed.error.message()), HasSubstr("as the script says"));
+  // With so few intervals every batch has one: a process for interval 0, and one for interval 1.
+  EXPECT_THAT(Logged(sequence, "start"), SizeIs(2));
+}
+
+TEST_F(JobManagerTest, ChildThatDoesNotKeepItsWordFailsTheJob) {
+  Start();
+  const JobRecord lied = Ended(NewJobOn(ReadySequence("lie_at 0\n"))).record;
+  EXPECT_EQ(lied.state, JobState::kFailed);
+  EXPECT_THAT(lied.error, HasCode(absl::StatusCode::kNotFound));
+  const JobRecord quit = Ended(NewJobOn(ReadySequence("quit_at 1\n"))).record;
+  EXPECT_EQ(quit.state, JobState::kFailed);
+  EXPECT_THAT(std::string(quit.error.message()), HasSubstr("ended well with"));
+}
+
+TEST_F(JobManagerTest, ChildHitsItsLimitAndNobodyElseDoes) {
+  Start(1, {.child_file_bytes = 100 << 10});
+  const JobRecord failed = Ended(NewJobOn(ReadySequence("fill_at 1\n"))).record;
+  EXPECT_EQ(failed.state, JobState::kFailed);
+  EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kResourceExhausted));
+  EXPECT_EQ(Ended(NewJobOn(ReadySequence())).record.state, JobState::kSucceeded);
+}
+
+// A job whose frames no longer fit; the disk is really full.
+TEST_F(JobManagerTest, FullDiskFailsTheTaskAndHarmsNothingElse) {
+  const SmallDisk disk("3m");
+  if (!disk.mounted()) GTEST_SKIP() << "mounting a tmpfs is not permitted here";
+  OpenStores(disk.path());
+  StartJobs();
+  const std::string ready = ReadySequence();
+  const std::string sequence = ReadySequence("wait_at 1\nfill_at 1\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] { return View(job).record.intervals_done == 1; });
+  // Half a megabyte is left: too little for the child's one, enough for the database.
+  const int64_t filler = Take(blobs_->FreeBytes()) - (512 << 10);
+  ASSERT_GT(filler, 0);
+  WriteText(disk.path() + "/filler", std::string(static_cast<size_t>(filler), 'x'));
+  Go(sequence);
+  const JobRecord failed = Ended(job).record;
+  EXPECT_EQ(failed.state, JobState::kFailed);
+  EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kResourceExhausted));
+  EXPECT_EQ(Ended(NewJobOn(ready)).record.state, JobState::kSucceeded);
+  std::filesystem::remove(disk.path() + "/filler");
+  EXPECT_THAT(jobs_->Retry(job), IsOk());
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  Close();
+}
+
+TEST_F(JobManagerTest, CancelFreesTheProcessor) {
+  Start(1, {.grace = absl::Milliseconds(300)});
+  // The child ignores SIGTERM, and so does a process that it has started.
+  const std::string sequence = ReadySequence("wait_at 1\nignore_term\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] { return View(job).record.intervals_done == 1 && Logged(sequence, "start").size() == 2; });
+  const std::vector<int> processes = Logged(sequence, "start");
+  EXPECT_THAT(jobs_->Delete(job), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_EQ(Take(jobs_->Cancel(job)).record.state, JobState::kCancelling);
+  EXPECT_EQ(Ended(job).record.state, JobState::kCancelled);
+  for (const int process : processes) WaitUntil([&] { return !IsAlive(process); });
+  EXPECT_THAT(jobs_->Cancel(job), IsOk());
+  // The worker is free for others, and the finished frames are there.
+  EXPECT_EQ(Ended(NewJobOn(ReadySequence())).record.state, JobState::kSucceeded);
+  EXPECT_EQ(Frame(job, OutputKind::kDepth, "000001"), "depth 1");
+  Go(sequence);
+  EXPECT_THAT(jobs_->Retry(job), IsOk());
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
+}
+
+TEST_F(JobManagerTest, FailureStopsTheOtherWorkersOfTheJob) {
+  Start(2);
+  // With two workers, batches of one: interval 0 waits for ever, interval 1 fails.
+  const std::string sequence = ReadySequence("wait_at 0\nerror_at 1 DATA_LOSS\n");
+  const std::string job = NewJobOn(sequence);
+  EXPECT_EQ(Ended(job).record.state, JobState::kFailed);
+  for (const int process : Logged(sequence, "start")) WaitUntil([&] { return !IsAlive(process); });
+  EXPECT_THAT(Logged(sequence, "interval"), IsEmpty());
+}
+
+TEST_F(JobManagerTest, TwoWorkersShareAJob) {
+  Start(2);
+  // Interval 0 waits until another process has computed all the others.
+  const std::string sequence = ReadySequence("intervals 12\nwait_at 0\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] { return View(job).record.intervals_done >= 10; });
+  EXPECT_FALSE(Take(jobs_->Frames(job, 0, 1))[0].ready);
+  const JobView running = View(job);
+  EXPECT_EQ(running.record.state, JobState::kRunning);
+  ASSERT_TRUE(running.progress.eta.has_value());
+  EXPECT_EQ(running.progress.eta->seconds_per_interval, 0.25);
+  Go(sequence);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  EXPECT_THAT(SortedIntervals(sequence), ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11));
+  const std::vector<int> starts = Logged(sequence, "start");
+  EXPECT_EQ(std::set<int>(starts.begin(), starts.end()).size(), starts.size());
+}
+
+TEST_F(JobManagerTest, QueueMovesUp) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 0\n");
+  const std::string first = NewJobOn(sequence), second = NewJobOn(sequence), third = NewJobOn(sequence);
+  WaitUntil([&] { return State(first) == JobState::kRunning; });
+  EXPECT_EQ(View(second).progress.queue_position, 1);
+  EXPECT_EQ(View(third).progress.queue_position, 2);
+  EXPECT_EQ(View(third).progress.stage, "queued");
+  EXPECT_FALSE(View(third).progress.eta.has_value());
+  EXPECT_EQ(Take(jobs_->Cancel(second)).record.state, JobState::kCancelled);
+  EXPECT_EQ(View(third).progress.queue_position, 1);
+  EXPECT_THAT(Take(jobs_->List({.state = JobState::kQueued}, {})).items, SizeIs(1));
+  Go(sequence);
+  EXPECT_EQ(Ended(third).record.state, JobState::kSucceeded);
+}
+
+TEST_F(JobManagerTest, StoppedServerGivesItsWorkBack) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 1\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] { return View(job).record.intervals_done == 1; });
+  const int child = Logged(sequence, "start").back();
+  Close();
+  EXPECT_FALSE(IsAlive(child));
+  OpenStores(folder_ / "data");
+  Go(sequence);
+  StartJobs();
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  EXPECT_EQ(View(job).record.attempt, 1);
+  EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
+}
+
+// kill -9 in the middle of a batch: what was recorded is not computed again, what was not is; and the children are
+// gone.
+TEST_F(JobManagerTest, KilledServerResumesWithWhatIsUnfinished) {
+  for (const int workers : {1, 2}) {
+    Start();
+    const std::string sequence = ReadySequence("intervals 20\nwait_at 13\n");
+    Close();
+    OpenStores(folder_ / "data");
+    const std::string job = Take(store_->CreateJob({.sequence_id = sequence}, "", false)).id;
+    Close();
+
+    const std::string data = folder_ / "data", count = std::to_string(workers);
+    const pid_t server = fork();
+    ASSERT_GE(server, 0);
+    if (server == 0) {
+      execl(MANAGER_PROCESS, MANAGER_PROCESS, data.c_str(), FAKE_CORE, count.c_str(), nullptr);
+      _exit(127);
+    }
+    const std::string log = data + "/sequences/" + sequence + "/log";
+    // One worker stops before interval 13; of two, the other goes on to the end.
+    const auto lines = [&] {
+      const std::string text = ReadText(log);
+      return std::count(text.begin(), text.end(), 'l');  // "interval" has one
+    };
+    WaitUntil([&] { return lines() >= 13; });
+    ASSERT_EQ(kill(server, SIGKILL), 0);
+    ASSERT_EQ(waitpid(server, nullptr, 0), server);
+
+    OpenStores(folder_ / "data");
+    const std::vector<int> before = Logged(sequence, "interval");
+    const JobRecord left = Take(store_->GetJob(job));
+    EXPECT_EQ(left.state, JobState::kRunning);
+    for (const int child : Logged(sequence, "start")) WaitUntil([&] { return !IsAlive(child); });
+    std::set<int> recorded;
+    for (const FrameRecord& frame : Take(store_->JobFrames(job, 0, 40))) {
+      if (frame.ready) recorded.insert(frame.index / 2);
+    }
+    EXPECT_EQ(static_cast<int>(recorded.size()), left.intervals_done);
+
+    Go(sequence);
+    StartJobs(workers);
+    EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+    const std::vector<int> all = Logged(sequence, "interval");
+    const std::multiset<int> computed(all.begin(), all.end());
+    for (int interval = 0; interval < 20; ++interval) {
+      EXPECT_GE(computed.count(interval), 1U) << interval;
+      // Computed once if recorded. The kill may have come between the end of an interval and its record.
+      EXPECT_LE(computed.count(interval), recorded.count(interval) > 0 ? 1U : 2U) << interval;
+      EXPECT_EQ(Frame(job, OutputKind::kDepth,
+                      std::string("0000") + (interval < 5 ? "0" : "") + std::to_string(2 * interval)),
+                "depth " + std::to_string(2 * interval));
+    }
+    Close();
+  }
+}
+
+TEST_F(JobManagerTest, FoldersThatNobodyNamesAreRemoved) {
+  WriteText(folder_ / "data/jobs/0123456789abcdef/out/depth/1.png", "x");
+  WriteText(folder_ / "data/sequences/0123456789abcdef/rgb.txt", "x");
+  Start();
+  EXPECT_TRUE(std::filesystem::is_empty(folder_ / "data/jobs"));
+  EXPECT_TRUE(std::filesystem::is_empty(folder_ / "data/sequences"));
+}
+
+TEST_F(JobManagerTest, OptionsAreChecked) {
+  OpenStores(folder_ / "data");
+  EXPECT_THAT(JobManager::Start(*directory_, *store_, {.core_program = "/no/such/program"}),
+              HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(JobManager::Start(*directory_, *store_, {.core_program = FAKE_CORE, .workers = 0}),
+              HasCode(absl::StatusCode::kInvalidArgument));
+}
+
+// ---- watching ----
+
+// A watcher as the RPC layer is one: it waits to be told, then takes what there is.
+class Watcher {
+ public:
+  Watcher(JobManager& jobs, const std::string& job, const std::string& token = "") {
+    watch_ = Take(jobs.Watch(job, token, [this] { news_.store(true); }));
+  }
+  JobEvent Next() {
+    while (true) {
+      if (std::optional<JobEvent> event = watch_->Next()) return *event;
+      WaitUntil([this] { return news_.exchange(false); });
+    }
+  }
+  std::optional<JobEvent> Poll() { return watch_->Next(); }
+  bool Deleted() { return watch_->Deleted(); }
+
+ private:
+  std::atomic<bool> news_{false};
+  std::unique_ptr<JobWatch> watch_;  // last: its end waits for a call that is under way
+};
+
+TEST_F(JobManagerTest, WatcherHearsOfEverythingInOrder) {
+  Start();
+  const std::string sequence = ReadySequence("intervals 4\nwait_at 0\n");
+  const std::string job = NewJobOn(sequence);
+  Watcher watcher(*jobs_, job);
+  JobEvent event = watcher.Next();
+  EXPECT_EQ(event.kind, JobEvent::Kind::kSnapshot);
+  Go(sequence);
+  std::vector<int> frames;
+  int64_t number = event.number;
+  int done = event.job.record.intervals_done;
+  while (!HasEnded(event.job.record.state)) {
+    event = watcher.Next();
+    EXPECT_EQ(event.number, ++number);
+    EXPECT_GE(event.job.record.intervals_done, done) << "progress never goes back";
+    done = event.job.record.intervals_done;
+    if (event.kind != JobEvent::Kind::kFramesReady) continue;
+    for (int i = 0; i < event.frame_count; ++i) {
+      frames.push_back(event.first_frame + i);
+      // Announced means stored: it can be read now.
+      EXPECT_TRUE(Take(jobs_->Frames(job, event.first_frame + i, 1))[0].ready);
+    }
+  }
+  EXPECT_THAT(frames, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7));
+  EXPECT_EQ(event.job.record.state, JobState::kSucceeded);
+  EXPECT_EQ(watcher.Poll(), std::nullopt);
+
+  // Who comes late gets the end.
+  const JobEvent late = Watcher(*jobs_, job).Next();
+  EXPECT_EQ(late.kind, JobEvent::Kind::kSnapshot);
+  EXPECT_EQ(late.job.record.state, JobState::kSucceeded);
+  EXPECT_THAT(jobs_->Delete(job), IsOk());
+  EXPECT_TRUE(watcher.Deleted());
+}
+
+TEST_F(JobManagerTest, WatcherThatReconnectsGetsWhatItMissed) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 2\n");
+  const std::string job = NewJobOn(sequence);
+  std::vector<JobEvent> seen;
+  {
+    Watcher watcher(*jobs_, job);
+    do seen.push_back(watcher.Next());
+    while (seen.back().job.record.intervals_done < 1);
+  }
+  WaitUntil([&] { return View(job).record.intervals_done == 2; });
+  Watcher again(*jobs_, job, seen.back().resume_token);
+  const JobEvent next = again.Next();
+  EXPECT_NE(next.kind, JobEvent::Kind::kSnapshot);
+  EXPECT_EQ(next.number, seen.back().number + 1);
+  // A token of another server, or of another job, is not known: the snapshot supersedes everything.
+  EXPECT_EQ(Watcher(*jobs_, job, "deadbeef-1-1").Next().kind, JobEvent::Kind::kSnapshot);
+  const std::string other = NewJobOn(sequence);
+  EXPECT_EQ(Watcher(*jobs_, other, seen.back().resume_token).Next().kind, JobEvent::Kind::kSnapshot);
+  EXPECT_THAT(jobs_->Watch("0000000000000000", "", [] {}), HasCode(absl::StatusCode::kNotFound));
+  Go(sequence);
+  Ended(job);
+}
+
+TEST_F(JobManagerTest, WatcherInTheQueueHearsThatItMovesUp) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 0\n");
+  const std::string first = NewJobOn(sequence), second = NewJobOn(sequence);
+  WaitUntil([&] { return State(first) == JobState::kRunning; });
+  Watcher watcher(*jobs_, second);
+  EXPECT_EQ(watcher.Next().job.progress.queue_position, 1);
+  EXPECT_THAT(jobs_->Cancel(first), IsOk());
+  EXPECT_EQ(watcher.Next().job.progress.queue_position, 0);
+  Go(sequence);
+  Ended(second);
+}
+
+}  // namespace
+}  // namespace depthtween::server

@@ -1,0 +1,116 @@
+// What is said to and by `depthtween-core task`, and the arithmetic of progress. Expected values are worked out by
+// hand.
+#include <gtest/gtest.h>
+
+#include "server/jobs/progress.h"
+#include "server/jobs/task_protocol.h"
+#include "tests/server/server_fixtures.h"
+
+namespace depthtween::server {
+namespace {
+
+using testing::ElementsAre;
+
+TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
+  const TaskPaths paths = {.program = "core", .sequence = "S", .options = "O", .constants = "C", .out = "D"};
+  EXPECT_THAT(TaskCommand({.kind = TaskKind::kValidate}, paths),
+              ElementsAre("core", "task", "validate", "--sequence", "S", "--progress-fd", "3"));
+  EXPECT_THAT(TaskCommand({.kind = TaskKind::kPrepare}, paths),
+              ElementsAre("core", "task", "prepare", "--sequence", "S", "--progress-fd", "3", "--options", "O",
+                          "--constants", "C"));
+  EXPECT_THAT(TaskCommand({.kind = TaskKind::kIntervals, .first_interval = 4, .interval_count = 2}, paths),
+              ElementsAre("core", "task", "intervals", "--sequence", "S", "--progress-fd", "3", "--options", "O",
+                          "--constants", "C", "--first", "4", "--count", "2", "--out", "D"));
+  EXPECT_EQ(OptionsJson({.method = "hold", .key_every = 3, .threads = 2}),
+            R"({"key_every":3,"method":"hold","threads":2})");
+}
+
+TEST(TaskProtocol, ProgressLines) {
+  EXPECT_EQ(ParseProgressLine(R"({"stage":"flow","interval":3})").stage, "flow");
+  const auto done = ParseProgressLine(R"({"interval_done":3,"seconds":0.61,"frames":8})").interval_done;
+  ASSERT_TRUE(done.has_value());
+  EXPECT_EQ(done->interval, 3);
+  EXPECT_EQ(done->seconds, 0.61);
+  EXPECT_EQ(ParseProgressLine(R"({"checked":12,"of":66})").checked->of, 66);
+  EXPECT_THAT(*ParseProgressLine(R"({"error":{"code":"DATA_LOSS","message":"m"}})").error,
+              HasCode(absl::StatusCode::kDataLoss));
+  EXPECT_THAT(*ParseProgressLine(R"({"error":{"code":"NONSENSE","message":"m"}})").error,
+              HasCode(absl::StatusCode::kUnknown));
+}
+
+TEST(TaskProtocol, NothingAChildSaysDoesHarm) {
+  for (const char* line :
+       {"", "{", "[]", "null", "7", "{\"stage\":7}", "{\"interval_done\":\"x\",\"seconds\":1}", "{\"interval_done\":1}",
+        "{\"checked\":1}", "{\"error\":\"x\"}", "\xFF\xFE", "{\"frame\":17}"}) {
+    const ProgressLine parsed = ParseProgressLine(line);
+    EXPECT_FALSE(parsed.stage || parsed.interval_done || parsed.checked || parsed.error) << line;
+  }
+  EXPECT_EQ(ParseProgressLine(R"({"interval_done":1,"seconds":-5})").interval_done->seconds, 0);
+  for (const char* text : {"", "{}", "[]", R"({"ok":true,"violations":[],"warnings":[]})", R"({"ok":"yes"})"}) {
+    EXPECT_THAT(ParseValidation(text), HasCode(absl::StatusCode::kInternal)) << text;
+  }
+}
+
+TEST(TaskProtocol, PlansAreChecked) {
+  const auto plan = [](const std::string& intervals, const std::string& frames) {
+    return ParsePlan("{\"constants\":{},\"intervals\":[" + intervals + "],\"frames\":[" + frames + "]}");
+  };
+  const std::string interval = R"({"index":0,"first_frame":0,"frame_count":1,"held":true})";
+  const std::string frame = R"({"index":0,"time_ns":-7,"stem":"a"})";
+  const JobPlan good = Take(plan(interval, frame));
+  EXPECT_TRUE(good.intervals[0].held);
+  EXPECT_EQ(good.frames[0].time_ns, -7);
+  const auto is_refused = HasCode(absl::StatusCode::kInternal);
+  EXPECT_THAT(plan("", ""), is_refused);
+  EXPECT_THAT(plan(interval, ""), is_refused) << "frames that do not exist";
+  EXPECT_THAT(plan(interval, frame + R"(,{"index":1,"time_ns":0,"stem":"b"})"), is_refused) << "a frame left over";
+  EXPECT_THAT(plan(interval + R"(,{"index":1,"first_frame":0,"frame_count":1,"held":true})", frame), is_refused);
+  EXPECT_THAT(plan(R"({"index":0,"first_frame":0,"frame_count":2000000000,"held":true})", frame), is_refused);
+  for (const char* stem : {"", "../x", "/etc/passwd", ".x", "a/b"}) {
+    EXPECT_THAT(plan(interval, std::string(R"({"index":0,"time_ns":0,"stem":")") + stem + "\"}"), is_refused) << stem;
+  }
+}
+
+TEST(Progress, IsMeasuredNeverInvented) {
+  JobRecord job = {.state = JobState::kRunning};
+  EXPECT_EQ(DescribeProgress(job, "", 2).stage, "prepare");
+  EXPECT_EQ(DescribeProgress(job, "", 2).fraction, 0);
+  job.intervals_total = 10;
+  job.frames_total = 80;
+  EXPECT_FALSE(DescribeProgress(job, "flow", 2).eta.has_value());
+  EXPECT_EQ(DescribeProgress(job, "flow", 2).stage, "flow");
+  job.intervals_done = 4;
+  job.frames_done = 32;
+  job.interval_seconds = 2.0;
+  const Progress progress = DescribeProgress(job, "flow", 2);
+  EXPECT_EQ(progress.fraction, 0.4);
+  // 6 left on 2 workers are 3 rounds of 0.5 s.
+  EXPECT_EQ(progress.eta->remaining, absl::Seconds(1.5));
+  EXPECT_EQ(progress.eta->seconds_per_interval, 0.5);
+  EXPECT_EQ(progress.eta->measured_intervals, 4);
+  EXPECT_EQ(progress.eta->workers, 2);
+  EXPECT_EQ(DescribeProgress(job, "flow", 100).eta->workers, 6) << "no more workers than intervals left";
+  job.intervals_done = 10;
+  job.frames_done = 80;
+  EXPECT_LT(DescribeProgress(job, "", 2).fraction, 1) << "assembling is still to come";
+  job.state = JobState::kFailed;
+  EXPECT_FALSE(DescribeProgress(job, "", 2).eta.has_value());
+  EXPECT_EQ(DescribeProgress(job, "flow", 2).stage, "failed");
+}
+
+TEST(Progress, BatchesKeepAllWorkersBusy) {
+  JobRecord job = {.intervals_total = 400};
+  EXPECT_EQ(IntervalsPerBatch(job, 2), 8) << "little at first: nothing is measured";
+  job.intervals_done = 10;
+  job.interval_seconds = 5;
+  EXPECT_EQ(IntervalsPerBatch(job, 2), 50) << "a quarter of a worker's share, 25 s";
+  job.interval_seconds = 20;
+  EXPECT_EQ(IntervalsPerBatch(job, 2), 30) << "60 s at 2 s each";
+  job.interval_seconds = 5000;
+  EXPECT_EQ(IntervalsPerBatch(job, 2), 1);
+  job.intervals_total = 4;
+  EXPECT_EQ(IntervalsPerBatch(job, 2), 1);
+}
+
+}  // namespace
+}  // namespace depthtween::server
