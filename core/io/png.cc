@@ -185,6 +185,15 @@ absl::StatusOr<Image<T>> DecodePixels(std::string_view bytes, const Header& head
   return image;
 }
 
+// The row filter to write with, or 0 for libpng's choice per row. Trying all filters takes longer than packing does,
+// and on the depth and uncertainty of a 512 x 424 sensor its choice is no smaller than always the left neighbour: 8.0
+// ms and 299 kB against 11.0 ms and 300 kB, 3.4 ms and 97 kB against 5.1 ms and 115 kB. 8-bit grey holds labels and
+// masks, whose differences mean nothing.
+int FilterFor(const Header& header) {
+  if (header.color_type != PNG_COLOR_TYPE_GRAY) return 0;
+  return header.bit_depth == 16 ? PNG_FILTER_SUB : PNG_FILTER_NONE;
+}
+
 // Decodes a file of exactly this kind.
 template <typename T>
 absl::StatusOr<Image<T>> DecodeExactly(std::string_view bytes, const ImageLimits& limits, int bit_depth,
@@ -210,7 +219,7 @@ class Writer {
   ~Writer() { png_destroy_write_struct(&png_, &info_); }
 
   absl::StatusOr<std::string> Write(const Header& header, int compression, png_bytepp rows) {
-    if (!WriteOrJump(png_, info_, &bytes_, header, compression, rows))
+    if (!WriteOrJump(png_, info_, &bytes_, header, compression, FilterFor(header), rows))
       return absl::InternalError(absl::StrCat("encoding PNG: ", failure_.message));
     return std::move(bytes_);
   }
@@ -228,10 +237,11 @@ class Writer {
     }
   }
   static bool WriteOrJump(png_structp png, png_infop info, std::string* bytes, const Header& header, int compression,
-                          png_bytepp rows) {
+                          int filter, png_bytepp rows) {
     if (setjmp(png_jmpbuf(png))) return false;
     png_set_write_fn(png, bytes, OnWrite, nullptr);
     png_set_compression_level(png, compression);
+    if (filter != 0) png_set_filter(png, PNG_FILTER_TYPE_BASE, filter);
     png_set_IHDR(png, info, static_cast<png_uint_32>(header.width), static_cast<png_uint_32>(header.height),
                  header.bit_depth, header.color_type, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
                  PNG_FILTER_TYPE_DEFAULT);

@@ -36,8 +36,9 @@ absl::StatusOr<Image<Rgb16>> DecodePngRgb16(std::string_view bytes, const ImageL
 // Any PNG as 8-bit colour: grey is repeated, palettes are looked up, 16 bits are scaled to 8, alpha is dropped.
 absl::StatusOr<Image<Rgb8>> DecodePngRgb8(std::string_view bytes, const ImageLimits& limits = {});
 
-// zlib's scale: 0 stores, 1 is fast, 9 is small. 3 costs little more time than 1 on depth.
-inline constexpr int kDefaultPngCompression = 3;
+// zlib's scale: 0 stores, 1 is fast, 9 is small. On the depth of a 512 x 424 sensor 3 takes half as long again as 1 and
+// saves 1 % of the bytes.
+inline constexpr int kDefaultPngCompression = 1;
 
 // InvalidArgument when the image is empty, or for a compression outside 0..9.
 absl::StatusOr<std::string> EncodePng16(ImageView<const uint16_t> image, int compression = kDefaultPngCompression);

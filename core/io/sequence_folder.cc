@@ -39,13 +39,18 @@ Sequence ReadHeader(const std::string& dir, ViolationList& violations) {
 // Violations(sequence), each under the file it is about. A file that could not be read is not blamed for what is
 // missing.
 void AddSequenceViolations(const Sequence& sequence, ViolationList& violations) {
-  const ViolationList unread = violations;
+  const bool camera_unread = violations.Contains(kCameraFile);
+  const bool color_unread = violations.Contains(kColorList) && sequence.color.empty();
+  const bool depth_unread = violations.Contains(kDepthList) && sequence.depth.empty();
   for (const absl::Status& status : Violations(sequence)) {
     const std::string_view message(status.message().data(), status.message().size());
-    const char* file = message.starts_with("camera.")    ? kCameraFile
-                       : message.starts_with(kColorList) ? kColorList
-                                                         : kDepthList;
-    if (!unread.Contains(file)) violations.Add(file, status);
+    if (message.starts_with("camera.")) {
+      if (!camera_unread) violations.Add(kCameraFile, status);
+    } else if (message.starts_with(kColorList)) {
+      if (!color_unread) violations.Add(kColorList, status);
+    } else if (!depth_unread) {
+      violations.Add(kDepthList, status);
+    }
   }
 }
 

@@ -163,6 +163,14 @@ TEST_F(SequenceFolderTest, NamesTimeGoingBack) {
                   HasSubstr("depth/000001.png has time stamp 0.010000000 s"));
 }
 
+// Three problems of one file are one violation that tells them all.
+TEST_F(SequenceFolderTest, GathersTheProblemsOfAFile) {
+  Put(Path("depth.txt"), "0.02 depth/000000.png\n0.01 depth/000001.png\nsoon depth/000002.png\n0.03\n");
+  ExpectViolation(
+      "depth.txt", StatusCode::kInvalidArgument,
+      AllOf(HasSubstr("line 3: 'soon'"), HasSubstr("line 4"), HasSubstr("depth/000001.png has time stamp")));
+}
+
 TEST_F(SequenceFolderTest, NamesClocksThatDoNotMeet) {
   Put(Path("depth.txt"), "100.0 depth/000000.png\n100.1 depth/000001.png\n");
   ExpectViolation("depth.txt", StatusCode::kInvalidArgument, HasSubstr("do not overlap in time"));
