@@ -11,11 +11,11 @@
 namespace depthtween {
 namespace {
 
-constexpr int kTile = 16;  // pixels
-constexpr float kAmbient = 0.34F;
+constexpr int kTile = 16;          // pixels
+constexpr float kAmbient = 0.34F;  // light that comes from everywhere; lamps add about 0.8
 // Shadow rays from the lamp end this share of the way before the surface, clear of it.
 constexpr double kShadowEnd = 1 - 1e-3;
-// Neighbouring samples further apart than this belong to different surfaces.
+// Neighbouring samples whose depths differ by more than this share belong to different surfaces.
 constexpr float kDepthStep = 0.03F;
 
 uint8_t ToSrgb(float linear) {

@@ -2,7 +2,6 @@
 // boxes in front hide the football, a racket's thin rim crosses the picture.
 #include <cmath>
 
-#include "core/synthetic/random.h"
 #include "core/synthetic/scenes.h"
 #include "core/synthetic/stage.h"
 

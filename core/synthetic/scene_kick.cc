@@ -3,7 +3,6 @@
 #include <cmath>
 #include <memory>
 
-#include "core/synthetic/random.h"
 #include "core/synthetic/scenes.h"
 #include "core/synthetic/stage.h"
 
@@ -18,7 +17,7 @@ constexpr double kStrike = 0.115;  // when the foot meets the ball
 // (the torso along +z).
 class Figure {
  public:
-  Affine Pelvis(double t) const { return At(0.0 + sway_(t), 2.35, 0.955) * Turn(Vec3::UnitZ(), Rad(0.6 * turn_(t))); }
+  Affine Pelvis(double t) const { return At(sway_(t), 2.35, 0.955) * Turn(Vec3::UnitZ(), Rad(0.6 * turn_(t))); }
   Affine Torso(double t) const {
     return Pelvis(t) * At(0, 0, 0.06) * Turn(Vec3::UnitY(), Rad(lean_(t))) * Turn(Vec3::UnitZ(), Rad(-1.3 * turn_(t)));
   }

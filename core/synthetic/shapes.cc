@@ -10,7 +10,7 @@ namespace depthtween {
 namespace {
 
 // The part of a ray inside an axis-aligned box; empty when enter > leave. Zero direction components give infinities of
-// the right sign; a ray lying exactly in a face's plane (0/0) is decided by the other comparison of std::min/max.
+// the right sign; a ray that lies exactly in a face's plane gives NaN, which every comparison leaves aside.
 struct Span {
   double enter = 0.0, leave = 0.0;
   int axis = 0;  // of the face where the ray enters
