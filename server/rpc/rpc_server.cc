@@ -1,6 +1,7 @@
 #include "server/rpc/rpc_server.h"
 
 #include <arpa/inet.h>
+#include <grpc/support/log.h>
 #include <grpcpp/channel.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/resource_quota.h>
@@ -13,13 +14,13 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/strip.h"
 #include "server/rpc/admin_service.h"
 #include "server/rpc/call_runtime.h"
 #include "server/rpc/health_service.h"
 #include "server/rpc/job_service.h"
 #include "server/rpc/output_service.h"
 #include "server/rpc/sequence_service.h"
+#include "server/telemetry/log.h"
 
 namespace depthtween::server {
 namespace {
@@ -62,6 +63,15 @@ bool IsLoopback(const std::string& host) {
   return inet_pton(AF_INET6, host.c_str(), &v6) == 1 && IN6_IS_ADDR_LOOPBACK(&v6);
 }
 
+// gRPC's own complaints go where ours go, in the same form.
+void LogFromGrpc(gpr_log_func_args* arguments) {
+  const LogLevel level = arguments->severity == GPR_LOG_SEVERITY_ERROR  ? LogLevel::kWarning
+                         : arguments->severity == GPR_LOG_SEVERITY_INFO ? LogLevel::kInfo
+                                                                        : LogLevel::kDebug;
+  Log(level, "grpc",
+      {{"source", absl::StrCat(arguments->file, ":", arguments->line)}, {"message", arguments->message}});
+}
+
 absl::Status Positive(std::string_view field, int64_t value) {
   if (value > 0) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrFormat("%s = %d, must be > 0", std::string(field), value));
@@ -92,8 +102,11 @@ absl::Status RpcServerOptions::Validate() const {
 absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptions& options, const Limits& limits,
                                                             Sequences& sequences, JobManager& jobs, Health& health) {
   RETURN_IF_ERROR(options.Validate());
-  static std::once_flag reflection_once;
-  std::call_once(reflection_once, [] { grpc::reflection::InitProtoReflectionServerBuilderPlugin(); });
+  static std::once_flag once;
+  std::call_once(once, [] {
+    gpr_set_log_function(LogFromGrpc);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+  });
 
   std::unique_ptr<RpcServer> result(new RpcServer(health));
   result->runtime_ = std::make_unique<CallRuntime>(options.call_threads, options.max_calls);

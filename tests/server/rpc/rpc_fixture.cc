@@ -39,6 +39,10 @@ RpcServer& RpcTest::server() {
   return *server_;
 }
 
+absl::StatusOr<std::unique_ptr<RpcServer>> RpcTest::StartAnother(const RpcServerOptions& options) {
+  return RpcServer::Start(options, limits, *sequences_, *jobs_, health_);
+}
+
 v1::SequenceService::Stub& RpcTest::sequences_stub() { return server(), *sequences_stub_; }
 v1::JobService::Stub& RpcTest::jobs_stub() { return server(), *jobs_stub_; }
 v1::OutputService::Stub& RpcTest::outputs_stub() { return server(), *outputs_stub_; }

@@ -75,7 +75,9 @@ class RpcTest : public testing::Test {
 
   // Starts the server if it does not run.
   RpcServer& server();
-  void StopServer() { server_->Stop(absl::Seconds(5)); }
+  void StopServer(absl::Duration patience = absl::Seconds(60)) { server_->Stop(patience); }
+  // A second one beside it, on the same data.
+  absl::StatusOr<std::unique_ptr<RpcServer>> StartAnother(const RpcServerOptions& options);
   JobManager& jobs() { return server(), *jobs_; }
   const DataDirectory& directory() { return server(), *directory_; }
   std::shared_ptr<grpc::Channel> channel() { return server().InProcessChannel(); }
