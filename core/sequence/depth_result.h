@@ -19,9 +19,9 @@ enum class Provenance : uint8_t {
 };
 
 struct DepthResult {
-  int color_index = -1;           // into Sequence::color
-  Image<float> depth_m;           // metres, 0 = unknown
-  Image<float> sigma_m;           // predicted standard deviation, metres; 0 where depth is unknown
+  int color_index = -1;  // into Sequence::color
+  Image<float> depth_m;  // metres, 0 = unknown
+  Image<float> sigma_m;  // predicted standard deviation, metres; 0 where depth is unknown
   Image<Provenance> provenance;
 };
 

@@ -12,7 +12,8 @@ std::vector<Interval> PlanIntervals(const Sequence& sequence) {
     Interval here{.key_before = after - 1, .key_after = after < keys ? after : -1};
     const bool at_last_key = after == keys && keys >= 2 && sequence.depth.back().time_ns == time;
     if (at_last_key) here = {.key_before = keys - 2, .key_after = keys - 1};
-    if (!intervals.empty() && intervals.back().key_before == here.key_before && intervals.back().key_after == here.key_after) {
+    if (!intervals.empty() && intervals.back().key_before == here.key_before &&
+        intervals.back().key_after == here.key_after) {
       ++intervals.back().frame_count;
       continue;
     }

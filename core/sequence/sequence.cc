@@ -17,13 +17,15 @@ void CheckStream(const std::vector<FrameRef>& frames, const char* list, std::vec
     return;
   }
   if (frames.size() > kMaxFrames)
-    out.push_back(absl::ResourceExhaustedError(
-        absl::StrFormat("%s lists %d frames, at most %d are allowed: split the recording", list, frames.size(), kMaxFrames)));
+    out.push_back(absl::ResourceExhaustedError(absl::StrFormat(
+        "%s lists %d frames, at most %d are allowed: split the recording", list, frames.size(), kMaxFrames)));
   for (size_t i = 1; i < frames.size(); ++i) {
     if (frames[i].time_ns <= frames[i - 1].time_ns)
-      out.push_back(absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %s has time stamp %s s, must be later than %s s of the frame before it (%s): sort the list or drop the frame",
-          list, frames[i].path, FormatSeconds(frames[i].time_ns), FormatSeconds(frames[i - 1].time_ns), frames[i - 1].path)));
+      out.push_back(
+          absl::InvalidArgumentError(absl::StrFormat("%s: %s has time stamp %s s, must be later than %s s of the frame "
+                                                     "before it (%s): sort the list or drop the frame",
+                                                     list, frames[i].path, FormatSeconds(frames[i].time_ns),
+                                                     FormatSeconds(frames[i - 1].time_ns), frames[i - 1].path)));
   }
 }
 
@@ -51,7 +53,8 @@ std::vector<absl::Status> Violations(const Sequence& sequence) {
   if (absl::Status camera = sequence.camera.Validate(); !camera.ok()) out.push_back(camera);
   if (!std::isfinite(sequence.depth_scale) || sequence.depth_scale <= 0)
     out.push_back(absl::InvalidArgumentError(absl::StrFormat(
-        "camera.depth_scale = %g, must be positive: stored 16-bit units per metre (1000 for millimetres)", sequence.depth_scale)));
+        "camera.depth_scale = %g, must be positive: stored 16-bit units per metre (1000 for millimetres)",
+        sequence.depth_scale)));
   CheckStream(sequence.color, "rgb.txt", out);
   CheckStream(sequence.depth, "depth.txt", out);
   if (!sequence.color.empty() && !sequence.depth.empty()) {

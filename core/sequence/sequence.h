@@ -37,14 +37,14 @@ struct Sequence {
 // Depth frames 0, n, 2n, ...: the input of a leave-out experiment. n >= 1.
 Sequence KeepEveryNthDepth(const Sequence& sequence, int n);
 
-// Everything wrong with a sequence that can be said without decoding a frame, one message each that names field or file,
-// value, rule and mend. Empty when valid.
+// Everything wrong with a sequence that can be said without decoding a frame, one message each that names field or
+// file, value, rule and mend. Empty when valid.
 std::vector<absl::Status> Violations(const Sequence& sequence);
 // The first violation, or OK.
 absl::Status Validate(const Sequence& sequence);
 
-// Parses a decimal number of seconds ("1305031232.193716") exactly into nanoseconds. InvalidArgument if it is not one, or
-// outside +-292 years.
+// Parses a decimal number of seconds ("1305031232.193716") exactly into nanoseconds. InvalidArgument if it is not one,
+// or outside +-292 years.
 absl::StatusOr<int64_t> ParseSeconds(std::string_view text);
 // The inverse, with 9 decimals.
 std::string FormatSeconds(int64_t time_ns);

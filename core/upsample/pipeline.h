@@ -1,10 +1,10 @@
 // The pipeline: depth for every colour frame of an interval, decided in the frame that was seen.
 //
-// Every source of motion - dense flow, the keys' surfaces moved and drawn, neighbours, standing still - only proposes where
-// a pixel of the target frame lies in each key; the observed colours choose.
-// Source: Yuan et al., Temporal Upsampling of Depth Maps Using a Hybrid Camera, TVCG 2018 (tracks, both directions, hole
-// filling). We differ in where the decision is taken: the paper moves the keys' points forward; we search backward from the
-// target, because silhouettes then follow the observed image (see ARCHITECTURE.md, "Why the target frame decides").
+// Every source of motion - dense flow, the keys' surfaces moved and drawn, neighbours, standing still - only proposes
+// where a pixel of the target frame lies in each key; the observed colours choose. Source: Yuan et al., Temporal
+// Upsampling of Depth Maps Using a Hybrid Camera, TVCG 2018 (tracks, both directions, hole filling). We differ in where
+// the decision is taken: the paper moves the keys' points forward; we search backward from the target, because
+// silhouettes then follow the observed image (see ARCHITECTURE.md, "Why the target frame decides").
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_PIPELINE_H_
 #define DEPTHTWEEN_CORE_UPSAMPLE_PIPELINE_H_
 

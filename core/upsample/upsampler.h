@@ -1,7 +1,7 @@
 // The interface behind which the pipeline and all baselines stand, and the values that cross it.
 //
-// Grammar of use:  Prepare Run*   - Prepare once per clip (its result is frozen and may be stored and read back), then Run
-// for any intervals, in any order, in any process: the bits depend on neither order nor batching nor threads.
+// Grammar of use:  Prepare Run*   - Prepare once per clip (its result is frozen and may be stored and read back), then
+// Run for any intervals, in any order, in any process: the bits depend on neither order nor batching nor threads.
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_UPSAMPLER_H_
 #define DEPTHTWEEN_CORE_UPSAMPLE_UPSAMPLER_H_
 

@@ -1,0 +1,48 @@
+// Prepares a measured depth map for use as a source: mixed pixels out, holes filled along colour, noise down.
+//
+// Shapes:   all images W x H.  Units: metres along z, 0 = unknown; distances in pixels.
+// Threads:  safe to call concurrently; `threads` only splits rows, results do not depend on it.
+#ifndef DEPTHTWEEN_CORE_FILL_KEY_CLEANING_H_
+#define DEPTHTWEEN_CORE_FILL_KEY_CLEANING_H_
+
+#include "core/base/image.h"
+
+namespace depthtween {
+
+// Standard deviation of a measurement at depth z: a + b z^2, metres.
+struct DepthNoise {
+  float a_m = 0.0015F;
+  float b_per_m = 0.0004F;
+  float At(float z) const { return a_m + b_per_m * z * z; }
+};
+
+// Two depths belong to different layers when they differ by more than this share of the nearer one (or by the noise):
+// wider than any slant a camera sees well over one pixel, narrower than the gap between things that move apart.
+constexpr float kLayerGap = 0.04F;
+inline bool SameLayer(float a, float b, const DepthNoise& noise) {
+  const float nearer = a < b ? a : b;
+  const float gap = a < b ? b - a : a - b;
+  return gap <= kLayerGap * nearer + 4.0F * noise.At(nearer);
+}
+
+// Sets to 0 the pixels that lie between two layers with too few neighbours on either: mixtures of foreground and
+// background as time-of-flight and structured-light sensors return them at silhouettes ("flying pixels").
+Image<float> RemoveFlyingPixels(ImageView<const float> depth_m, const DepthNoise& noise, int threads);
+
+struct FilledDepth {
+  Image<float> depth_m;   // 0 only if nothing was measured at all
+  Image<float> distance;  // geodesic pixels to the measurement it was taken from; 0 = measured
+};
+// Gives every unknown pixel the depth of the measured pixel that is nearest along colour: the length of a path is one
+// per pixel plus the colour differences it crosses (sRGB units over `kColorPerPixel`). Source: geodesic distance by
+// raster sweeps, Toivanen, New geodesic distance transforms for gray-scale images, 1996.
+FilledDepth FillAlongColor(ImageView<const float> depth_m, ImageView<const Rgb8> color);
+
+// Replaces each depth by a plane fitted robustly, in inverse depth, to the pixels of its layer and colour around it.
+// A plane in space is affine in (x, y, 1/z), so slants keep their depth. Pixels without support stay as they are.
+Image<float> DenoiseInLayers(ImageView<const float> depth_m, ImageView<const float> distance,
+                             ImageView<const Rgb8> color, const DepthNoise& noise, int radius, int threads);
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_FILL_KEY_CLEANING_H_

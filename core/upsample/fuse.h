@@ -1,0 +1,30 @@
+// One depth per target pixel from what the two keys say, and how sure it is.
+//
+// Shapes:   all images W x H.  Units: metres; tau in [0, 1].
+#ifndef DEPTHTWEEN_CORE_UPSAMPLE_FUSE_H_
+#define DEPTHTWEEN_CORE_UPSAMPLE_FUSE_H_
+
+#include "core/sequence/depth_result.h"
+#include "core/upsample/choose.h"
+
+namespace depthtween {
+
+struct Fused {
+  Image<float> depth_m;     // 0 = unknown
+  Image<float> confidence;  // of the vote in the weighted median, 0..1
+  Image<Provenance> provenance;
+  Image<uint8_t> confirmed;  // 1 where both keys measured it and agree: no vote of neighbours can know better
+};
+
+// Where the sides agree: their mean, weighted by match and closeness in time. Where they differ moderately and match
+// equally well: the surface moved in depth, linear in time. Otherwise: the better match.
+Fused Fuse(const ChooseInput& input, const Choice& choice, int threads);
+
+// Predicted standard deviation of each depth: the sensor's noise, the mismatch, and at silhouettes the chance to have
+// taken the wrong side.
+Image<float> PredictSigma(ImageView<const float> depth_m, ImageView<const float> confidence,
+                          ImageView<const Provenance> provenance, const DepthNoise& noise, int threads);
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_UPSAMPLE_FUSE_H_

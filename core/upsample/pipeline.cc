@@ -1,0 +1,337 @@
+#include "core/upsample/pipeline.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_format.h"
+#include "core/base/parallel.h"
+#include "core/fill/weighted_median.h"
+#include "core/flow/dense_flow.h"
+#include "core/raster/surface_raster.h"
+#include "core/upsample/choose.h"
+#include "core/upsample/fuse.h"
+#include "core/upsample/keys.h"
+
+namespace depthtween {
+namespace {
+
+// Neighbour-to-neighbour flow only proposes and starts: half resolution is enough. The flow to a key decides edges.
+constexpr DenseFlowOptions kNeighbourFlow{.finest_scale = 1};
+
+// A track's two ends whose depths differ by more than this share of the nearer are on two surfaces.
+constexpr float kSameSurface = 0.2F;
+
+// The colour frames that one interval looks at: its own and those of its keys.
+struct Window {
+  int first = 0;
+  std::vector<Image<Rgb8>> color;
+  std::vector<Image<uint8_t>> luma;
+  int size() const { return static_cast<int>(color.size()); }
+};
+
+// Runs the stages of one interval, timing each.
+class IntervalRun {
+ public:
+  IntervalRun(const FrameSource& source, const ClipConstants& constants, const Interval& interval,
+              const PipelineOptions& options, const RunContext& context)
+      : source_(source),
+        interval_(interval),
+        options_(options),
+        context_(context),
+        noise_{static_cast<float>(constants.noise_a_m), static_cast<float>(constants.noise_b_per_m)} {}
+
+  absl::StatusOr<IntervalSummary> Run(const FrameSink& sink) {
+    if (interval_.Held()) {
+      RETURN_IF_ERROR(Stage("hold", [&] { return Hold(sink); }));
+    } else {
+      RETURN_IF_ERROR(Stage("read", [&] { return Read(); }));
+      RETURN_IF_ERROR(Stage("flow", [&] { return FlowBetweenNeighbours(); }));
+      RETURN_IF_ERROR(Stage("keys", [&] { return PrepareKeys(); }));
+      RETURN_IF_ERROR(Stage("track", [&] { return FlowToKeys(); }));
+      RETURN_IF_ERROR(Stage("draw", [&] { return DrawKeys(); }));
+      RETURN_IF_ERROR(Stage("choose", [&] { return ChooseAndFuse(); }));
+      RETURN_IF_ERROR(Stage("deliver", [&] { return Deliver(sink); }));
+    }
+    summary_.termination = "complete";
+    summary_.frames = interval_.frame_count;
+    return summary_;
+  }
+
+ private:
+  template <typename Body>
+  absl::Status Stage(const char* name, const Body& body) {
+    if (context_.stop.stop_requested()) return absl::CancelledError("stopped on request");
+    if (context_.on_stage) context_.on_stage(name);
+    const auto start = std::chrono::steady_clock::now();
+    absl::Status status = body();
+    summary_.stage_seconds[name] += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    return status;
+  }
+
+  // Runs body(i) for count items side by side and returns the first error in item order.
+  template <typename Body>
+  absl::Status SideBySide(int count, const Body& body) {
+    std::vector<absl::Status> statuses(count);
+    ParallelFor(count, context_.threads, [&](int i) {
+      statuses[i] = context_.stop.stop_requested() ? absl::CancelledError("stopped on request") : body(i);
+    });
+    for (absl::Status& status : statuses) RETURN_IF_ERROR(std::move(status));
+    return absl::OkStatus();
+  }
+
+  int FrameInWindow(int i) const { return interval_.first_frame + i - window_.first; }
+  int KeyInWindow(int side) const { return keys_[side].color_index - window_.first; }
+  // The frame's time between the keys, 0..1; stamps decide, not indices.
+  float Tau(int in_window) const {
+    const auto since =
+        static_cast<double>(source_.sequence().color[window_.first + in_window].time_ns - keys_[0].time_ns);
+    return static_cast<float>(std::clamp(since / static_cast<double>(keys_[1].time_ns - keys_[0].time_ns), 0.0, 1.0));
+  }
+
+  absl::Status Read() {
+    keys_[0] = LocateKey(source_.sequence(), interval_.key_before);
+    keys_[1] = LocateKey(source_.sequence(), interval_.key_after);
+    int first = interval_.first_frame, last = interval_.first_frame + interval_.frame_count - 1;
+    for (const Key& key : keys_)
+      for (const int index : {key.color_index, key.toward})
+        if (index >= 0) first = std::min(first, index), last = std::max(last, index);
+    window_.first = first;
+    const int count = last - first + 1;
+    window_.color.resize(count);
+    window_.luma.resize(count);
+    return SideBySide(count + 2, [&](int i) -> absl::Status {
+      if (i < 2) {
+        ASSIGN_OR_RETURN(measured_[i], source_.Depth(i == 0 ? interval_.key_before : interval_.key_after));
+        return absl::OkStatus();
+      }
+      ASSIGN_OR_RETURN(window_.color[i - 2], source_.Color(first + i - 2));
+      window_.luma[i - 2] = Luma(window_.color[i - 2]);
+      return absl::OkStatus();
+    });
+  }
+
+  absl::Status FlowBetweenNeighbours() {
+    const int pairs = window_.size() - 1;
+    forward_.resize(pairs);
+    backward_.resize(pairs);
+    return SideBySide(2 * pairs, [&](int i) -> absl::Status {
+      const int pair = i / 2;
+      const auto& a = window_.luma[pair];
+      const auto& b = window_.luma[pair + 1];
+      if (i % 2 == 0) {
+        ASSIGN_OR_RETURN(forward_[pair], DenseFlow(a, b, kNeighbourFlow));
+      } else {
+        ASSIGN_OR_RETURN(backward_[pair], DenseFlow(b, a, kNeighbourFlow));
+      }
+      return absl::OkStatus();
+    });
+  }
+
+  absl::Status PrepareKeys() {
+    return SideBySide(2, [&](int side) {
+      Key& key = keys_[side];
+      const int at = KeyInWindow(side);
+      if (key.toward >= 0) {
+        const auto& flow = key.toward > key.color_index ? forward_[at] : backward_[at - 1];
+        measured_[side] = MoveDepthToColorFrame(measured_[side], flow, key.fraction);
+      }
+      PrepareKey(measured_[side].Clone(), window_.color[at], noise_, 1, key);
+      return absl::OkStatus();
+    });
+  }
+
+  // Motion from each frame of the window to the keys: composed step by step outward from the key, then refined
+  // directly.
+  absl::Status FlowToKeys() {
+    const int count = window_.size();
+    const DenseFlowOptions direct{.finest_scale = options_.flow_finest_scale,
+                                  .patch_stride = 4,
+                                  .descent_iterations = 12,
+                                  .refinement_iterations = 2};
+    for (int side = 0; side < 2; ++side) composed_[side].resize(count), refined_[side].resize(count);
+    RETURN_IF_ERROR(SideBySide(2, [&](int side) {
+      const int key = KeyInWindow(side);
+      composed_[side][key] = Image<Flow2>(window_.color[key].width(), window_.color[key].height());
+      for (int s = key + 1; s < count; ++s) composed_[side][s] = Compose(backward_[s - 1], composed_[side][s - 1]);
+      for (int s = key - 1; s >= 0; --s) composed_[side][s] = Compose(forward_[s], composed_[side][s + 1]);
+      return absl::OkStatus();
+    }));
+    return SideBySide(2 * interval_.frame_count, [&](int i) -> absl::Status {
+      const int side = i % 2, frame = FrameInWindow(i / 2), key = KeyInWindow(side);
+      if (frame == key) {
+        refined_[side][frame] = composed_[side][frame].Clone();
+        return absl::OkStatus();
+      }
+      ASSIGN_OR_RETURN(refined_[side][frame],
+                       DenseFlow(window_.luma[frame], window_.luma[key], direct, &composed_[side][frame]));
+      return absl::OkStatus();
+    });
+  }
+
+  // Each key's surface moved to each frame and drawn there: a proposal that knows what hides what.
+  absl::Status DrawKeys() {
+    std::vector<Image<Flow2>> tracks[2];  // [side][frame of the window]: from the key
+    const int count = window_.size();
+    for (int side = 0; side < 2; ++side) tracks[side].resize(count), drawn_[side].resize(count);
+    RETURN_IF_ERROR(SideBySide(2, [&](int side) {
+      const int key = KeyInWindow(side);
+      tracks[side][key] = Image<Flow2>(window_.color[key].width(), window_.color[key].height());
+      for (int s = key + 1; s < count; ++s) tracks[side][s] = Compose(tracks[side][s - 1], forward_[s - 1]);
+      for (int s = key - 1; s >= 0; --s) tracks[side][s] = Compose(tracks[side][s + 1], backward_[s]);
+      return absl::OkStatus();
+    }));
+    return SideBySide(2 * interval_.frame_count, [&](int i) {
+      const int side = i % 2, frame = FrameInWindow(i / 2);
+      drawn_[side][frame] = DrawnMotion(keys_[side], keys_[1 - side], tracks[side][frame],
+                                        tracks[side][KeyInWindow(1 - side)], side == 0 ? Tau(frame) : 1 - Tau(frame));
+      return absl::OkStatus();
+    });
+  }
+
+  // The motion target -> key that the key's surface shows where it lands. A point's position is its track's; its depth
+  // is linear in time (`tau`: 0 at its key, 1 at the other) towards the other key's depth at the end of the track, if
+  // that is its layer.
+  Image<Flow2> DrawnMotion(const Key& key, const Key& other, ImageView<const Flow2> to_frame,
+                           ImageView<const Flow2> to_other, float tau) const {
+    const int width = to_frame.width(), height = to_frame.height();
+    Image<Flow2> position(width, height);
+    Image<float> depth(width, height);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        const Flow2 step = to_frame(x, y), end = to_other(x, y);
+        position(x, y) = {static_cast<float>(x) + step.u, static_cast<float>(y) + step.v};
+        const float z = key.depth_m(x, y);
+        const float z_end =
+            SampleDepthInLayer(other.depth_m, static_cast<float>(x) + end.u, static_cast<float>(y) + end.v, noise_);
+        depth(x, y) =
+            z > 0 && z_end > 0 && std::abs(z_end - z) < kSameSurface * std::min(z, z_end) ? z + tau * (z_end - z) : z;
+      }
+    const DrawnSurface drawn = DrawSurface(position, depth, {});
+    Image<Flow2> motion(width, height);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        if (drawn.depth_m(x, y) > 0)
+          motion(x, y) = {drawn.source(x, y).u - static_cast<float>(x), drawn.source(x, y).v - static_cast<float>(y)};
+    return motion;
+  }
+
+  absl::Status ChooseAndFuse() {
+    results_.resize(interval_.frame_count);
+    const int inner = std::max(1, context_.threads / std::max(1, interval_.frame_count));
+    return SideBySide(interval_.frame_count, [&](int i) {
+      results_[i] = ResultOf(i, inner);
+      return absl::OkStatus();
+    });
+  }
+
+  DepthResult ResultOf(int i, int threads) const {
+    const int frame = FrameInWindow(i);
+    const auto& color = window_.color[frame];
+    const MatchImage target(color);
+    const Image<Flow2> still(color.width(), color.height());
+    ChooseInput input{.target = &target, .keys = {&keys_[0], &keys_[1]}, .tau = Tau(frame), .noise = noise_};
+    for (int side = 0; side < 2; ++side)
+      input.proposals[side] = {refined_[side][frame], composed_[side][frame], drawn_[side][frame], still};
+    const Choice choice = Choose(input, {.sweeps = options_.sweeps}, threads);
+    Fused fused = Fuse(input, choice, threads);
+    DepthResult result{.color_index = interval_.first_frame + i};
+    result.depth_m = std::move(fused.depth_m);
+    if (options_.median_radius > 0) {
+      Image<uint8_t> mask = NearDepthJumps(result.depth_m, options_.median_radius, noise_, threads);
+      for (size_t p = 0; p < mask.pixel_count(); ++p)
+        if (fused.confirmed.data()[p]) mask.data()[p] = 0;
+      result.depth_m =
+          WeightedMedian(result.depth_m, fused.confidence, color, mask, {.radius = options_.median_radius}, threads);
+    }
+    MarkMeasured(frame, fused.provenance);
+    result.sigma_m = PredictSigma(result.depth_m, fused.confidence, fused.provenance, noise_, threads);
+    result.provenance = std::move(fused.provenance);
+    return result;
+  }
+
+  // A frame taken together with a key shows what the sensor saw.
+  void MarkMeasured(int frame, Image<Provenance>& provenance) const {
+    for (int side = 0; side < 2; ++side) {
+      if (KeyInWindow(side) != frame || keys_[side].toward >= 0) continue;
+      for (size_t p = 0; p < provenance.pixel_count(); ++p)
+        if (keys_[side].distance.data()[p] == 0) provenance.data()[p] = Provenance::kMeasured;
+    }
+  }
+
+  absl::Status Deliver(const FrameSink& sink) {
+    for (DepthResult& result : results_) RETURN_IF_ERROR(sink(std::move(result)));
+    return absl::OkStatus();
+  }
+
+  // Outside the first and last key nothing says how depth goes on: the key stands still, and is marked so.
+  absl::Status Hold(const FrameSink& sink) {
+    const int key = interval_.key_before >= 0 ? interval_.key_before : interval_.key_after;
+    ASSIGN_OR_RETURN(const Image<float> depth, source_.Depth(key));
+    const int64_t key_time = source_.sequence().depth[key].time_ns;
+    for (int i = 0; i < interval_.frame_count; ++i) {
+      const int frame = interval_.first_frame + i;
+      const bool coincides = source_.sequence().color[frame].time_ns == key_time;
+      DepthResult result{.color_index = frame,
+                         .depth_m = depth.Clone(),
+                         .sigma_m = Image<float>(depth.width(), depth.height()),
+                         .provenance = Image<Provenance>(depth.width(), depth.height())};
+      for (size_t p = 0; p < depth.pixel_count(); ++p) {
+        const float z = depth.data()[p];
+        if (z <= 0) continue;
+        result.sigma_m.data()[p] = noise_.At(z);
+        result.provenance.data()[p] = coincides ? Provenance::kMeasured : Provenance::kHeld;
+      }
+      RETURN_IF_ERROR(sink(std::move(result)));
+    }
+    return absl::OkStatus();
+  }
+
+  const FrameSource& source_;
+  const Interval interval_;
+  const PipelineOptions options_;
+  const RunContext& context_;
+  const DepthNoise noise_;
+  IntervalSummary summary_;
+
+  Window window_;
+  Image<float> measured_[2];
+  Key keys_[2];
+  std::vector<Image<Flow2>> forward_, backward_;                   // [i]: frame i <-> i + 1 of the window
+  std::vector<Image<Flow2>> composed_[2], refined_[2], drawn_[2];  // [side][frame of the window]: to the key
+  std::vector<DepthResult> results_;
+};
+
+class Pipeline : public Upsampler {
+ public:
+  explicit Pipeline(const PipelineOptions& options) : options_(options) {}
+  std::string_view name() const override { return "ours"; }
+  absl::StatusOr<IntervalSummary> Run(const FrameSource& source, const ClipConstants& constants,
+                                      const Interval& interval, const RunContext& context,
+                                      const FrameSink& sink) const override {
+    return IntervalRun(source, constants, interval, options_, context).Run(sink);
+  }
+
+ private:
+  const PipelineOptions options_;
+};
+
+}  // namespace
+
+absl::Status PipelineOptions::Validate() const {
+  const auto error = [](const char* field, int value, const char* rule) {
+    return absl::InvalidArgumentError(absl::StrFormat("PipelineOptions.%s = %d, must be %s", field, value, rule));
+  };
+  if (sweeps < 0 || sweeps > 20) return error("sweeps", sweeps, "between 0 and 20");
+  if (median_radius < 0 || median_radius > 15) return error("median_radius", median_radius, "between 0 and 15");
+  if (flow_finest_scale < 0 || flow_finest_scale > 5)
+    return error("flow_finest_scale", flow_finest_scale, "between 0 and 5");
+  return absl::OkStatus();
+}
+
+std::unique_ptr<Upsampler> MakePipeline(const PipelineOptions& options) { return std::make_unique<Pipeline>(options); }
+
+}  // namespace depthtween
