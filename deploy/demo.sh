@@ -9,6 +9,7 @@ set -euo pipefail
 
 OUTPUT=demo-output
 if (($#)); then OUTPUT=$(realpath --canonicalize-missing "$1"); fi
+# shellcheck source-path=SCRIPTDIR
 source "$(dirname "${BASH_SOURCE[0]}")/steps.sh"
 
 readonly OUTPUT BIN=build/release/bin

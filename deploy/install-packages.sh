@@ -5,7 +5,7 @@
 # Needs root, or sudo when something is missing.
 set -euo pipefail
 
-readonly LIST="$(dirname "${BASH_SOURCE[0]}")/apt-packages.txt"
+LIST=$(dirname "${BASH_SOURCE[0]}")/apt-packages.txt
 
 say() { echo "install-packages: $*" >&2; }
 

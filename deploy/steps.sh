@@ -1,6 +1,7 @@
+# shellcheck shell=bash
 # What demo.sh and test.sh share. Source it; it moves to the root of the repository.
 
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit
 
 say() { echo "$(basename "$0"): $*" >&2; }
 

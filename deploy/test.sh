@@ -11,6 +11,7 @@
 # Every step runs, whatever became of those before it; the exit code is 0 if all passed.
 set -uo pipefail
 
+# shellcheck source-path=SCRIPTDIR
 source "$(dirname "${BASH_SOURCE[0]}")/steps.sh" || exit
 
 readonly ALL_STEPS=(style suite asan tsan fuzz)

@@ -4,6 +4,7 @@
 #   deploy/tidy.sh [REGEX]      only files whose path matches, such as core/io
 set -euo pipefail
 
+# shellcheck source-path=SCRIPTDIR
 source "$(dirname "${BASH_SOURCE[0]}")/steps.sh"
 
 deploy/install-packages.sh build test tidy
