@@ -96,7 +96,11 @@ absl::Status Serve(const ServeOptions& options) {
   ASSIGN_OR_RETURN(const std::unique_ptr<DataDirectory> directory, DataDirectory::Open(options.data_dir));
   ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenSqliteStore(directory->DatabaseFile(), options.limits));
   const std::unique_ptr<BlobStore> blobs = MakeFolderBlobStore(*directory);
-  ASSIGN_OR_RETURN(const std::unique_ptr<JobManager> jobs, JobManager::Start(*directory, *store, options.jobs));
+  absl::StatusOr<std::unique_ptr<JobManager>> started = JobManager::Start(*directory, *store, options.jobs);
+  if (absl::IsNotFound(started.status()) || absl::IsPermissionDenied(started.status())) {
+    return WithContext(started.status(), "--core-binary");
+  }
+  ASSIGN_OR_RETURN(const std::unique_ptr<JobManager> jobs, std::move(started));
   Sequences sequences(*store, *blobs, options.limits, [&jobs] { jobs->Wake(); });
   Health health;
   ASSIGN_OR_RETURN(const std::unique_ptr<RpcServer> server,
@@ -137,31 +141,39 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->capture_default_str();
 
   const std::string limits = "Limits";
-  const auto size = CLI::AsSizeValue(/*kb_is_1000=*/false);
-  command->add_option("--max-sequence-bytes", options.limits.max_sequence_bytes, "Of one recording (20000000000, 20GB)")
+  const auto size = CLI::AsSizeValue(/*kb_is_1000=*/true);  // 20GB, 256MiB
+  command
+      ->add_option("--max-sequence-bytes", options.limits.max_sequence_bytes,
+                   "Of one recording; also as 20GB or 256MiB")
       ->transform(size)
+      ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--max-files-per-sequence", options.limits.max_files_per_sequence, "Of one recording")
       ->check(CLI::PositiveNumber)
+      ->type_name("N")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--max-queued-jobs", options.limits.max_queued_jobs, "Jobs that wait")
       ->check(CLI::PositiveNumber)
+      ->type_name("N")
       ->capture_default_str()
       ->group(limits);
   command
       ->add_option("--reserved-disk-bytes", options.limits.reserved_disk_bytes,
                    "Uploads that would leave less free are refused")
       ->transform(size)
+      ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--task-memory-bytes", options.jobs.child_memory_bytes, "Memory of one task; 0: no limit")
       ->transform(size)
+      ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--max-calls", options.rpc.max_calls, "Calls in flight, streams included")
       ->check(CLI::PositiveNumber)
+      ->type_name("N")
       ->capture_default_str()
       ->group(limits);
 
@@ -169,6 +181,7 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   command->add_flag("--log-json", options.log.json, "Log JSON, one object a line")->group(log);
   command->add_option("--log-level", options.log.level, "debug, info, warning or error")
       ->transform(CLI::CheckedTransformer(kLogLevels))
+      ->type_name("LEVEL")
       ->default_str("info")
       ->group(log);
 }

@@ -93,8 +93,9 @@ absl::StatusOr<std::string> EncodeFrame(std::string png, OutputKind kind, v1::En
 }
 
 int64_t FrameMemoryBytes(int64_t pixels) {
-  // The largest moment is F32_ZSTD: floats as an image and as bytes, or as bytes and room for their compressed form.
-  return pixels * 9;
+  // The largest moment is the decoding of floats: the file (at most 2 bytes a pixel), the integers (2), the metres as
+  // an image and as bytes (4 each).
+  return pixels * 12;
 }
 
 }  // namespace depthtween::server

@@ -131,6 +131,8 @@ absl::StatusOr<FrameStream::Next> FrameStream::EndOrWait() const {
 }
 
 absl::Status FrameStream::Load(const FrameRecord& frame) {
+  std::string().swap(bytes_);  // the frame before has left; there is memory for one
+  sent_ = 0;
   absl::StatusOr<std::string> png = ReadFile(jobs_.FrameFile(job_id_, output_->kind, frame.stem));
   if (absl::IsNotFound(png.status())) {
     // A job that is being deleted says so itself; a file that is gone otherwise is damage.
@@ -142,7 +144,6 @@ absl::Status FrameStream::Load(const FrameRecord& frame) {
   absl::StatusOr<std::string> bytes = EncodeFrame(*std::move(png), output_->kind, encoding_, units_per_metre);
   if (!bytes.ok()) return WithContext(bytes.status(), absl::StrFormat("stored frame %d", frame.index));
   bytes_ = *std::move(bytes);
-  sent_ = 0;
   frame_ = frame.index;
   next_frame_ = static_cast<int>(std::min<int64_t>(int64_t{frame.index} + stride_, std::numeric_limits<int>::max()));
 

@@ -8,6 +8,7 @@
 #include "core/base/image.h"
 #include "core/io/png.h"
 #include "proto/depthtween/crc32c.h"
+#include "server/rpc/frame_encoding.h"
 #include "tests/server/rpc/rpc_fixture.h"
 
 namespace depthtween::server {
@@ -405,7 +406,7 @@ TEST_F(OutputServiceTest, ReadersThatDoNotReadHoldNoThread) {
 
 // The memory of all streams together is bounded: the one too many is asked to come back.
 TEST_F(OutputServiceTest, StreamsBeyondTheMemoryAreRefused) {
-  rpc_options.frame_memory_bytes = 2 * 9 * 4 * 3;  // two streams of 4 x 3 pixels, see FrameMemoryBytes
+  rpc_options.frame_memory_bytes = 2 * FrameMemoryBytes(4 * 3);
   const v1::Sequence sequence = ReadySequence("wait_at 1");
   const v1::Job job = CreateJob(sequence);
   v1::StreamFramesRequest request = Request(job, "depth");
