@@ -20,7 +20,7 @@ RUN cmake --preset release -DDEPTHTWEEN_CPU="${DEPTHTWEEN_CPU}" \
 FROM ${BASE}
 ARG VERSION=0.1.0
 LABEL org.opencontainers.image.title="Depthtween" \
-      org.opencontainers.image.description="Gives depth video the frame rate of colour video: the server and its tools" \
+      org.opencontainers.image.description="Gives depth video the frame rate of colour video: server and tools" \
       org.opencontainers.image.version="${VERSION}" \
       org.opencontainers.image.licenses="Apache-2.0"
 COPY deploy/install-packages.sh deploy/apt-packages.txt /usr/share/doc/depthtween/
@@ -42,4 +42,5 @@ STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s CMD ["depthtween-server", "healthcheck"]
 ENTRYPOINT ["depthtween-server"]
 # A container's loopback interface is reached by nobody, so the server listens on all of the container's own.
-CMD ["serve", "--data-dir", "/var/lib/depthtween", "--listen", "0.0.0.0:50051", "--insecure-listen-anywhere", "--log-json"]
+CMD ["serve", "--data-dir", "/var/lib/depthtween", \
+     "--listen", "0.0.0.0:50051", "--insecure-listen-anywhere", "--log-json"]

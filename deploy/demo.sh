@@ -1,6 +1,6 @@
 #!/bin/bash
-# The main job from nothing: builds Depthtween, renders a recording (colour at 240 fps, depth at 30 fps), starts a server,
-# has it upsample the recording, and shows what came back beside the baselines and the exact truth.
+# The main job from nothing: builds Depthtween, renders a recording (colour at 240 fps, depth at 30 fps), starts a
+# server, has it upsample the recording, and shows what came back beside the baselines and the exact truth.
 #
 #   deploy/demo.sh [OUTPUT_FOLDER]      the default is demo-output, in the root of the repository
 #

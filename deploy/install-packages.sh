@@ -18,7 +18,7 @@ is_installed() {
   [[ $(dpkg-query --show --showformat='${db:Status-Status}' "$1" 2>/dev/null) == installed ]]
 }
 
-# Node may come from another source than Debian, whose npm package conflicts with it: any pair of the two programs will do.
+# Node may come from another source than Debian, whose npm package conflicts with it: any of the two programs will do.
 is_provided_otherwise() {
   case $1 in
     nodejs) command -v node >/dev/null ;;

@@ -1,7 +1,8 @@
 """Who may know whom: the one-way order of ARCHITECTURE.md, checked on the #include lines and on what CMake links.
 
 A module is a folder of sources; its library has the same name with "_" for "/". MODULES names, for each, the modules
-right below it; it may use those and everything below them. EXTERNAL names the libraries that only some modules may know.
+right below it; it may use those and everything below them. EXTERNAL names the libraries that only some modules may
+know.
 """
 
 import pathlib
