@@ -77,6 +77,11 @@ class PlantedEdges(unittest.TestCase):
         self.assert_caught("server/jobs/x.cc", '#include "server/rpc/service.h"\n', "must not know server/rpc")
         self.assert_caught("server/jobs/x.cc", "#include <google/protobuf/message.h>\n", "must not know protobuf")
 
+    def test_tests_may_use_the_library_but_nothing_above_it(self):
+        self.assertEqual([], self.violations({"tests/core/base/x_test.cc": '#include "core/flow/flow.h"\n'}))
+        self.assert_caught("tests/core/base/x_test.cc", '#include "server/store/store.h"\n', "must not know server/store")
+        self.assert_caught("tests/client/lib/x_test.cc", '#include "core/base/status.h"\n', "must not know core/base")
+
     def test_tests_of_jobs_that_need_rpc(self):
         self.assert_caught("tests/server/jobs/x_test.cc", "#include <grpcpp/grpcpp.h>\n", "built without RPC")
 
