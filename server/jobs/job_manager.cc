@@ -100,7 +100,7 @@ class Manager : public JobManager {
 
   // With changes_ held.
   JobView View(JobRecord record) const;
-  absl::StatusOr<JobView> PublishState(std::string_view job_id);
+  absl::StatusOr<JobView> Publish(std::string_view job_id, JobEvent::Kind kind);
   // Those who wait have moved up.
   void PublishQueue();
   void StopTasksOf(std::string_view job_id);
@@ -162,11 +162,11 @@ JobView Manager::View(JobRecord record) const {
   return {.record = std::move(record), .progress = std::move(progress)};
 }
 
-absl::StatusOr<JobView> Manager::PublishState(std::string_view job_id) {
+absl::StatusOr<JobView> Manager::Publish(std::string_view job_id, JobEvent::Kind kind) {
   ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(job_id));
   if (record.state != JobState::kRunning) live_.erase(record.id);
   JobView view = View(std::move(record));
-  hub_.Publish(JobEvent::Kind::kState, view);
+  hub_.Publish(kind, view);
   if (HasEnded(view.record.state)) PublishQueue();
   return view;
 }
@@ -223,13 +223,13 @@ absl::StatusOr<JobView> Manager::Cancel(std::string_view id) {
   ASSIGN_OR_RETURN(const JobRecord before, store_.GetJob(id));
   ASSIGN_OR_RETURN(JobRecord after, store_.CancelJob(id));
   StopTasksOf(id);
-  return after.state == before.state ? View(std::move(after)) : PublishState(id);
+  return after.state == before.state ? View(std::move(after)) : Publish(id, JobEvent::Kind::kState);
 }
 
 absl::StatusOr<JobView> Manager::Retry(std::string_view id) {
   std::unique_lock lock(changes_);
   RETURN_IF_ERROR(store_.RetryJob(id).status());
-  absl::StatusOr<JobView> view = PublishState(id);
+  absl::StatusOr<JobView> view = Publish(id, JobEvent::Kind::kState);
   lock.unlock();
   Wake();
   return view;
@@ -276,7 +276,8 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
     const Task& task = **claimed;
     running_[task.number].job_id = task.job_id;
     // The first task of a job has made it RUNNING.
-    if (!task.job_id.empty() && live_.try_emplace(task.job_id).second) PublishState(task.job_id).IgnoreError();
+    if (!task.job_id.empty() && live_.try_emplace(task.job_id).second)
+      Publish(task.job_id, JobEvent::Kind::kState).IgnoreError();
     return *claimed;
   }
   const int64_t seen = wakes_;
@@ -377,7 +378,10 @@ void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::st
     recorded = RecordOutcome(task, outcome);
   }
   if (!recorded.ok() || task.job_id.empty()) return;
-  const absl::StatusOr<JobView> view = PublishState(task.job_id);
+  // A job that still runs has its plan now, or one task less.
+  const absl::StatusOr<JobRecord> job = store_.GetJob(task.job_id);
+  const bool runs = job.ok() && job->state == JobState::kRunning;
+  const absl::StatusOr<JobView> view = Publish(task.job_id, runs ? JobEvent::Kind::kProgress : JobEvent::Kind::kState);
   if (view.ok() && HasEnded(view->record.state)) StopTasksOf(task.job_id);
 }
 

@@ -136,9 +136,9 @@ TEST_F(SequencesTest, MessageOverTheLimitIsRefused) {
 }
 
 // Cut at random bytes, with the process dying there: what was acknowledged is kept, what was not may be on the disk as
-// garbage; the end is always the bytes sent. 20 runs with fixed seeds.
+// garbage; the end is always the bytes sent. 10 runs with fixed seeds.
 TEST_F(SequencesTest, UploadCutAtRandomBytesEndsWithTheSameFiles) {
-  for (int seed = 0; seed < 20; ++seed) {
+  for (int seed = 0; seed < 10; ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937 random(seed);
     all_.clear();
