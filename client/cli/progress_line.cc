@@ -51,7 +51,7 @@ void ProgressLine::Show(double fraction, const std::string& facts) {
   facts_ = facts;
   shown_ = false;
   const Clock::duration pause = terminal_ ? Clock::duration(kRedraw) : Clock::duration(kPlainLine);
-  if (!drawn_ || Clock::now() - last_drawn_ >= pause) Draw();
+  if (Clock::now() - last_drawn_ >= pause) Draw();
 }
 
 void ProgressLine::Draw() {

@@ -33,7 +33,7 @@ class ProgressLine {
   std::string facts_;
   bool shown_ = true;  // the last state is on the screen
   bool drawn_ = false;
-  Clock::time_point last_drawn_{};
+  Clock::time_point last_drawn_ = Clock::now();
 };
 
 }  // namespace depthtween::cli

@@ -70,7 +70,10 @@ absl::StatusOr<std::unique_ptr<Connection>> Connection::Open(const ConnectionOpt
 }
 
 absl::Status Connection::Answer(const grpc::Status& status) const {
-  if (status.error_code() != grpc::StatusCode::UNAVAILABLE) return FromRpc(status);
+  // Cancelled: not by us, so the server ended the call because it is going away.
+  if (status.error_code() != grpc::StatusCode::UNAVAILABLE && status.error_code() != grpc::StatusCode::CANCELLED) {
+    return FromRpc(status);
+  }
   return absl::UnavailableError(
       absl::StrFormat("no server answers at %s (%s). Start one with 'depthtween-server serve --data-dir DIR --listen "
                       "%s', or name another "

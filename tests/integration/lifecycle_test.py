@@ -1,0 +1,167 @@
+"""Starting, stopping, cancelling, and running out of disk: what the server promises to those who operate it."""
+
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+import unittest
+
+import harness
+from harness import Server, check
+
+FRAMES = 65  # eight intervals
+
+
+class LifecycleTest(harness.IntegrationTest):
+
+    @classmethod
+    def setUpClass(cls):
+        cls.shared = harness.pathlib.Path(tempfile.mkdtemp(prefix="depthtween_lifecycle_"))
+        cls.addClassCleanup(shutil.rmtree, cls.shared, ignore_errors=True)
+        cls.sequence = cls.shared / "kick"
+        harness.synth(cls.sequence, FRAMES, size="240x180")
+
+    def submit_and_wait_until_it_computes(self, server):
+        name = check(server.client("submit", self.sequence)).stdout.strip()
+        server.wait_for_progress(name, lambda job: job["progress"]["framesDone"] > 0, "frames were finished")
+        return name
+
+    def test_cancel_frees_the_processor(self):
+        with Server(self.folder / "data") as server:
+            name = self.submit_and_wait_until_it_computes(server)
+            # The task at work now may end by itself before the cancel; then there is another.
+            tasks = harness.wait_for("a task", server.tasks)
+            spent_before = sum(task.cpu_seconds() for task in tasks)
+            check(server.client("cancel", name))
+            spent = spent_before
+            for task in tasks:
+                while task.lives():
+                    try:
+                        spent = max(spent, sum(each.cpu_seconds() for each in tasks))
+                    except OSError:
+                        break
+            harness.wait_for("the job to be cancelled", lambda: server.job(name)["state"] == "STATE_CANCELLED")
+            self.assertEqual(server.tasks(), [])
+            # In processor seconds of its one thread, so that a busy machine does not fail the test.
+            self.assertLess(spent - spent_before, 2.0)
+
+            watched = server.client("watch", name)
+            self.assertEqual(watched.returncode, harness.EXIT_JOB_CANCELLED)
+            fetched = server.client("fetch", name, "-o", self.folder / "out")
+            self.assertEqual(fetched.returncode, harness.EXIT_JOB_CANCELLED)
+            self.assertGreater(len(list((self.folder / "out" / "depth").glob("*.png"))), 0)
+
+            # The same submit takes it up again.
+            again = server.client_json("submit", self.sequence, "-o", str(self.folder / "out"))
+            self.assertEqual(again["job"]["name"], name)
+            self.assertEqual(len(list((self.folder / "out" / "depth").glob("*.png"))), FRAMES)
+            self.assertEqual(check(server.client("delete", name, again["sequence"]["name"])).stdout.split(),
+                             [name, again["sequence"]["name"]])
+            self.assertEqual(server.client_json("list")["jobs"], [])
+            self.assertEqual([path for path in server.data_dir.glob("jobs/*")], [])
+
+    def test_sigterm_stops_gracefully_and_work_goes_on_after_a_restart(self):
+        with Server(self.folder / "data") as server:
+            name = self.submit_and_wait_until_it_computes(server)
+            watcher = server.start_client("watch", name, "--json")
+            self.addCleanup(lambda: watcher.poll() is None and watcher.kill())
+            self.assertIn("snapshot", watcher.stdout.readline())  # it is there before the server goes
+            tasks = server.tasks()
+            self.assertEqual(server.stop(), 0, server.log_text())
+            self.assertEqual([task.pid for task in tasks if task.lives()], [])
+            server.start()
+            _, stderr = watcher.communicate(timeout=harness.PATIENCE_S)
+            self.assertEqual(watcher.returncode, 0, stderr)
+            self.assertEqual(server.job(name)["state"], "STATE_SUCCEEDED")
+
+    def test_one_data_folder_belongs_to_one_server(self):
+        with Server(self.folder / "data") as server:
+            second = harness.run("depthtween-server", "serve", "--data-dir", server.data_dir, "--listen", "127.0.0.1:0")
+            self.assertEqual(second.returncode, 1)
+            self.assertIn(str(server.process.pid), second.stderr)
+            self.assertTrue(server.is_serving())
+
+    def test_healthcheck_tells_a_server_from_none(self):
+        with Server(self.folder / "data") as server:
+            self.assertTrue(server.is_serving())
+            server.kill()
+            self.assertFalse(server.is_serving())
+
+
+class SmallDisk:
+    """A file system of a few megabytes, filled and emptied at will."""
+
+    def __init__(self, folder, size_mb):
+        self.folder = folder
+        folder.mkdir()
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size_mb}m", "none", folder],
+                                 capture_output=True, text=True)
+        if mounted.returncode != 0:
+            raise unittest.SkipTest(f"needs the right to mount: {mounted.stderr.strip()}")
+
+    def fill(self, leave_bytes):
+        with open(self.folder / "filler", "ab", buffering=0) as filler:
+            try:
+                while True:
+                    free = os.statvfs(self.folder)
+                    missing = free.f_bavail * free.f_bsize - leave_bytes
+                    if missing <= 0:
+                        return
+                    filler.write(b"\0" * min(missing, 1 << 16))
+            except OSError:
+                return
+
+    def empty(self):
+        (self.folder / "filler").unlink()
+
+    def remove(self):
+        MNT_DETACH = 2
+        ctypes.CDLL(None).umount2(str(self.folder).encode(), MNT_DETACH)
+
+
+class FullDiskTest(harness.IntegrationTest):
+
+    def setUp(self):
+        super().setUp()
+        self.sequence = self.folder / "kick"
+        harness.synth(self.sequence, frames=33)
+        self.disk = SmallDisk(self.folder / "disk", size_mb=48)
+        self.addCleanup(self.disk.remove)
+
+    def server(self):
+        return Server(self.disk.folder / "data", options=["--reserved-disk-bytes", "0"])
+
+    def test_upload_fails_clearly_and_goes_on_when_there_is_room(self):
+        with self.server() as server:
+            harness.Recording().write(self.folder / "small")
+            check(server.client("submit", self.folder / "small", "--wait"))
+            self.disk.fill(leave_bytes=256 << 10)
+            failed = server.client("submit", self.sequence)
+            self.assertEqual(failed.returncode, harness.EXIT_FAILED, failed.stderr)
+            self.assertRegex(failed.stderr, "disk|room|space")
+            self.assertTrue(server.is_serving())
+            states = {job["state"] for job in server.client_json("list")["jobs"]}
+            self.assertEqual(states, {"STATE_SUCCEEDED"})
+            self.disk.empty()
+            check(server.client("submit", self.sequence))
+
+    def test_task_fails_clearly_and_goes_on_when_there_is_room(self):
+        local = self.folder / "local"
+        harness.upsample(self.sequence, local)
+        with self.server() as server:
+            name = check(server.client("submit", self.sequence)).stdout.strip()
+            server.wait_for_progress(name, lambda job: job["progress"]["intervalsDone"] >= 1, "an interval was finished")
+            # Less than an interval's frames, more than it takes to record that they could not be written.
+            self.disk.fill(leave_bytes=128 << 10)
+            watched = server.client("watch", name)
+            self.assertEqual(watched.returncode, harness.EXIT_JOB_FAILED, watched.stderr)
+            self.assertIn("RESOURCE_EXHAUSTED", watched.stderr)
+            self.assertTrue(server.is_serving())
+            self.disk.empty()
+            check(server.client("submit", self.sequence, "-o", self.folder / "out"))
+            self.assert_same_result(self.folder / "out", local)
+
+
+if __name__ == "__main__":
+    harness.main()

@@ -1,0 +1,121 @@
+"""The main job: the same recording gives the same bits on this machine and through the server, whatever happens to the
+server on the way. The truth is what `depthtween-core upsample` writes."""
+
+import json
+import shutil
+import tempfile
+
+import harness
+from harness import Server, check
+
+FRAMES = 33  # 240 fps colour, 30 fps depth: five depth frames, four intervals of eight frames
+
+
+class MainJobTest(harness.IntegrationTest):
+
+    @classmethod
+    def setUpClass(cls):
+        cls.shared = harness.pathlib.Path(tempfile.mkdtemp(prefix="depthtween_main_job_"))
+        cls.addClassCleanup(shutil.rmtree, cls.shared, ignore_errors=True)
+        cls.sequence = cls.shared / "kick"
+        cls.local = cls.shared / "local"
+        harness.synth(cls.sequence, FRAMES)
+        harness.upsample(cls.sequence, cls.local)
+
+    def test_same_bits_with_one_worker_and_with_two(self):
+        for workers in (1, 2):
+            with self.subTest(workers=workers), Server(self.folder / f"data{workers}", workers) as server:
+                out = self.folder / f"out{workers}"
+                check(server.client("submit", self.sequence, "--wait", "-o", out))
+                self.assert_same_result(out, self.local)
+                report = json.loads((out / "report.json").read_text())
+                local_report = json.loads((self.local / "report.json").read_text())
+                self.assertEqual(sorted(report), sorted(local_report))
+
+    def test_options_are_those_of_the_local_command(self):
+        options = ["--method", "linear", "--key-every", "2"]
+        local = self.folder / "local"
+        harness.upsample(self.sequence, local, *options)
+        with Server(self.folder / "data") as server:
+            check(server.client("submit", self.sequence, "-o", self.folder / "out", *options))
+            self.assert_same_result(self.folder / "out", local)
+
+    def test_same_command_again_repeats_nothing(self):
+        with Server(self.folder / "data") as server:
+            first = server.client_json("submit", self.sequence, "--wait")
+            again = server.client_json("submit", self.sequence, "--wait", "-o", str(self.folder / "out"))
+            self.assertEqual(again["job"]["name"], first["job"]["name"])
+            self.assertEqual(again["upload"]["foundBytes"], again["upload"]["totalBytes"])
+            self.assertEqual(len(server.client_json("list")["jobs"]), 1)
+            self.assert_same_result(self.folder / "out", self.local)
+
+    def test_killed_server_loses_nothing_that_was_finished(self):
+        with Server(self.folder / "data") as server:
+            client = server.start_client("submit", str(self.sequence), "-o", str(self.folder / "out"), "--json")
+            self.addCleanup(lambda: client.poll() is None and client.kill())
+            job_name = harness.wait_for("the job", lambda: self.job_names(server))[0]
+            server.wait_for_progress(job_name, lambda job: 1 <= job["progress"]["intervalsDone"] < 4,
+                                     "some but not all intervals were finished")
+            tasks = server.tasks()
+            server.kill()
+            for task in tasks:
+                harness.wait_for(f"task {task.pid} to die with its server", lambda: not task.lives())
+            # What is recorded as finished, and when it was written.
+            finished = self.frame_files(server)
+            self.assertGreater(len(finished), 0)
+
+            server.start()
+            before = server.job(job_name)
+            self.assertGreaterEqual(before["progress"]["intervalsDone"], 1)
+            sequence_state = server.client_json("list", "--sequences")["sequences"][0]["state"]
+            self.assertEqual(sequence_state, "STATE_READY")
+
+            stdout, stderr = client.communicate(timeout=harness.PATIENCE_S)
+            self.assertEqual(client.returncode, 0, stderr)
+            self.assertEqual(json.loads(stdout)["job"]["state"], "STATE_SUCCEEDED")
+            self.assert_same_result(self.folder / "out", self.local)
+            after = self.frame_files(server)
+            done = before["progress"]["framesDone"]
+            untouched = [name for name in finished if after.get(name) == finished[name]]
+            # Three files a frame. An interval whose files were in place but not yet recorded may be written again.
+            self.assertGreaterEqual(len(untouched), 3 * done, "finished intervals were computed again")
+
+    def test_killed_client_goes_on_where_it_stopped(self):
+        with Server(self.folder / "data") as server:
+            client = server.start_client("submit", str(self.sequence), "-o", str(self.folder / "out"))
+            harness.wait_for("the job", lambda: self.job_names(server))
+            client.kill()
+            client.communicate()
+            check(server.client("submit", self.sequence, "-o", self.folder / "out"))
+            self.assertEqual(len(self.job_names(server)), 1)
+            self.assert_same_result(self.folder / "out", self.local)
+
+    def test_follow_brings_frames_while_the_job_runs(self):
+        with Server(self.folder / "data") as server:
+            job_name = check(server.client("submit", self.sequence)).stdout.strip()
+            follower = server.start_client("fetch", job_name, "-o", str(self.folder / "out"), "--follow")
+            self.addCleanup(lambda: follower.poll() is None and follower.kill())
+            fetched = self.folder / "out" / "depth"
+            harness.wait_for("a frame", lambda: fetched.is_dir() and any(fetched.glob("*.png")))
+            # Asked after the frame was seen: the job had not ended when it arrived.
+            self.assertEqual(server.job(job_name)["state"], "STATE_RUNNING")
+            _, stderr = follower.communicate(timeout=harness.PATIENCE_S)
+            self.assertEqual(follower.returncode, 0, stderr)
+            self.assert_same_result(self.folder / "out", self.local)
+
+    @staticmethod
+    def job_names(server):
+        return [job["name"] for job in server.client_json("list")["jobs"]]
+
+    @staticmethod
+    def frame_files(server):
+        """Frames in the job's own folder: name -> (inode, time of writing)."""
+        found = {}
+        for path in server.data_dir.glob("jobs/*/out/*/*.png"):
+            info = path.stat()
+            found[str(path)] = (info.st_ino, info.st_mtime_ns)
+        return found
+
+
+if __name__ == "__main__":
+    harness.main()
