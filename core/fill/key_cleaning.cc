@@ -17,6 +17,34 @@ constexpr float kColorPerPixel = 12.0F;
 // Sum over channels, 0..765.
 int ColorDifference(Rgb8 a, Rgb8 b) { return std::abs(a.r - b.r) + std::abs(a.g - b.g) + std::abs(a.b - b.b); }
 
+// Colours this near (sum over channels, mean over a 7 x 7 window) are the same surface standing still: three
+// times the noise of a camera, less than what moves by half a pixel on any texture that shows motion at all.
+constexpr int kStillColor = 15;
+constexpr int kStillRadius = 3;
+
+Image<uint8_t> StandsStill(ImageView<const Rgb8> a, ImageView<const Rgb8> b, int threads) {
+  const int width = a.width(), height = a.height();
+  Image<uint8_t> still(width, height);
+  ParallelRows(height, threads, [&](int begin, int end) {
+    std::vector<int> column(width);
+    for (int y = begin; y < end; ++y) {
+      for (int x = 0; x < width; ++x) {
+        column[x] = 0;
+        for (int ny = std::max(0, y - kStillRadius); ny <= std::min(height - 1, y + kStillRadius); ++ny)
+          column[x] += ColorDifference(a(x, ny), b(x, ny));
+      }
+      const int rows = std::min(height - 1, y + kStillRadius) - std::max(0, y - kStillRadius) + 1;
+      for (int x = 0; x < width; ++x) {
+        const int first = std::max(0, x - kStillRadius), last = std::min(width - 1, x + kStillRadius);
+        int sum = 0;
+        for (int nx = first; nx <= last; ++nx) sum += column[nx];
+        still(x, y) = sum <= kStillColor * rows * (last - first + 1);
+      }
+    }
+  });
+  return still;
+}
+
 }  // namespace
 
 Image<float> RemoveFlyingPixels(ImageView<const float> depth_m, const DepthNoise& noise, int threads) {
@@ -45,6 +73,44 @@ Image<float> RemoveFlyingPixels(ImageView<const float> depth_m, const DepthNoise
         const bool mixed = nearer > 0 && farther > 0 && same <= 3;
         const bool lonely = same <= 1 && nearer + farther >= 3;
         out(x, y) = mixed || lonely ? 0.0F : z;
+      }
+  });
+  return out;
+}
+
+Image<float> SettleWhereStill(ImageView<const float> depth_m, ImageView<const Rgb8> color,
+                              const std::vector<DepthWitness>& witnesses, const DepthNoise& noise, int threads) {
+  const int width = depth_m.width(), height = depth_m.height();
+  std::vector<Image<uint8_t>> still;
+  for (const DepthWitness& witness : witnesses) still.push_back(StandsStill(color, witness.color, threads));
+  Image<float> out(width, height);
+  ParallelRows(height, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < width; ++x) {
+        const float own = depth_m(x, y);
+        float others[8];
+        int count = 0;
+        for (size_t w = 0; w < witnesses.size(); ++w)
+          if (still[w](x, y) && witnesses[w].depth_m(x, y) > 0) others[count++] = witnesses[w].depth_m(x, y);
+        out(x, y) = own;
+        if (count == 0) continue;
+        // What to gather around: the own measurement, unless it is missing or all witnesses, two at least, stand
+        // elsewhere together.
+        float centre = own;
+        const bool together =
+            std::all_of(others, others + count, [&](float z) { return SameLayer(z, others[0], noise); });
+        const bool contradicted = own > 0 && count >= 2 && together && !SameLayer(own, others[0], noise);
+        if (own <= 0 || contradicted) {
+          if (!together || count < 2) continue;
+          centre = others[0];
+        }
+        float sum = 0, weight = 0;
+        const auto add = [&](float z) {
+          if (z > 0 && std::abs(z - centre) <= 4.0F * noise.At(centre)) sum += z, weight += 1;
+        };
+        add(own);
+        for (int i = 0; i < count; ++i) add(others[i]);
+        out(x, y) = sum / weight;
       }
   });
   return out;

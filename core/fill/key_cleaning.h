@@ -5,6 +5,8 @@
 #ifndef DEPTHTWEEN_CORE_FILL_KEY_CLEANING_H_
 #define DEPTHTWEEN_CORE_FILL_KEY_CLEANING_H_
 
+#include <vector>
+
 #include "core/base/image.h"
 
 namespace depthtween {
@@ -28,6 +30,17 @@ inline bool SameLayer(float a, float b, const DepthNoise& noise) {
 // Sets to 0 the pixels that lie between two layers with too few neighbours on either: mixtures of foreground and
 // background as time-of-flight and structured-light sensors return them at silhouettes ("flying pixels").
 Image<float> RemoveFlyingPixels(ImageView<const float> depth_m, const DepthNoise& noise, int threads);
+
+// A depth frame taken at another time, with the colour it is seen in.
+struct DepthWitness {
+  ImageView<const float> depth_m;
+  ImageView<const Rgb8> color;
+};
+// Where the colours around a pixel stand still between `color` and a witness's, its measurement counts as well: noise
+// is averaged, a drop-out is filled, and a mixture or a flicker that both witnesses contradict gives way to them.
+// Elsewhere `depth_m` stays.
+Image<float> SettleWhereStill(ImageView<const float> depth_m, ImageView<const Rgb8> color,
+                              const std::vector<DepthWitness>& witnesses, const DepthNoise& noise, int threads);
 
 struct FilledDepth {
   Image<float> depth_m;   // 0 only if nothing was measured at all

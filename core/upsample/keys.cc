@@ -58,7 +58,8 @@ Image<float> MoveDepthToColorFrame(ImageView<const float> depth_m, ImageView<con
   return moved;
 }
 
-void PrepareKey(Image<float> depth_m, ImageView<const Rgb8> color, const DepthNoise& noise, int threads, Key& key) {
+void PrepareKey(ImageView<const float> depth_m, ImageView<const Rgb8> color, const DepthNoise& noise, int threads,
+                Key& key) {
   const Image<float> solid = RemoveFlyingPixels(depth_m, noise, threads);
   FilledDepth filled = FillAlongColor(solid, color);
   key.depth_m = DenoiseInLayers(filled.depth_m, filled.distance, color, noise, kDenoiseRadius, threads);

@@ -33,7 +33,8 @@ Image<float> MoveDepthToColorFrame(ImageView<const float> depth_m, ImageView<con
                                    float fraction);
 
 // Cleans and fills `depth_m` along `color` into the key.
-void PrepareKey(Image<float> depth_m, ImageView<const Rgb8> color, const DepthNoise& noise, int threads, Key& key);
+void PrepareKey(ImageView<const float> depth_m, ImageView<const Rgb8> color, const DepthNoise& noise, int threads,
+                Key& key);
 
 }  // namespace depthtween
 

@@ -132,16 +132,32 @@ class IntervalRun {
   }
 
   absl::Status PrepareKeys() {
-    return SideBySide(2, [&](int side) {
+    return SideBySide(2, [&](int side) -> absl::Status {
       Key& key = keys_[side];
       const int at = KeyInWindow(side);
       if (key.toward >= 0) {
         const auto& flow = key.toward > key.color_index ? forward_[at] : backward_[at - 1];
         measured_[side] = MoveDepthToColorFrame(measured_[side], flow, key.fraction);
       }
-      PrepareKey(measured_[side].Clone(), window_.color[at], noise_, 1, key);
+      ASSIGN_OR_RETURN(const Image<float> settled, Settle(side));
+      PrepareKey(settled, window_.color[at], noise_, 1, key);
       return absl::OkStatus();
     });
+  }
+
+  // The depth frames before and after a key are witnesses of what stood still.
+  absl::StatusOr<Image<float>> Settle(int side) {
+    const int index = side == 0 ? interval_.key_before : interval_.key_after;
+    std::vector<Image<float>> depth;
+    std::vector<Image<Rgb8>> color;
+    for (const int other : {index - 1, index + 1}) {
+      if (other < 0 || other >= static_cast<int>(source_.sequence().depth.size())) continue;
+      ASSIGN_OR_RETURN(depth.emplace_back(), source_.Depth(other));
+      ASSIGN_OR_RETURN(color.emplace_back(), source_.Color(LocateKey(source_.sequence(), other).color_index));
+    }
+    std::vector<DepthWitness> witnesses;
+    for (size_t i = 0; i < depth.size(); ++i) witnesses.push_back({depth[i], color[i]});
+    return SettleWhereStill(measured_[side], window_.color[KeyInWindow(side)], witnesses, noise_, 1);
   }
 
   // Motion from each frame of the window to the keys: composed step by step outward from the key, then refined

@@ -1,0 +1,318 @@
+#include <cmath>
+#include <cstring>
+#include <random>
+
+#include "core/baselines/baselines.h"
+#include "core/synthetic/synthetic_sequence.h"
+#include "core/upsample/choose.h"
+#include "core/upsample/fuse.h"
+#include "core/upsample/keys.h"
+#include "core/upsample/match.h"
+#include "core/upsample/pipeline.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace depthtween {
+namespace {
+
+constexpr int kWidth = 96, kHeight = 72;
+
+Rgb8 Pattern(double u, double v) {
+  const double a = 128 + 55 * std::sin(0.45 * u + 0.2 * v) + 45 * std::sin(0.13 * u - 0.37 * v);
+  const double b = 128 + 70 * std::sin(0.29 * u - 0.11 * v + 1);
+  return {static_cast<uint8_t>(a), static_cast<uint8_t>(0.5 * a + 0.5 * b), static_cast<uint8_t>(b)};
+}
+
+Sequence Clip(const std::vector<double>& color_s, const std::vector<double>& depth_s) {
+  Sequence s{.camera = {.width = kWidth, .height = kHeight, .fx = 90, .fy = 90, .cx = 47.5, .cy = 35.5},
+             .depth_scale = 5000};
+  for (const double t : color_s)
+    s.color.push_back({std::llround(t * 1e9), "rgb/" + std::to_string(s.color.size()) + ".png"});
+  for (const double t : depth_s)
+    s.depth.push_back({std::llround(t * 1e9), "depth/" + std::to_string(s.depth.size()) + ".png"});
+  return s;
+}
+
+// A textured square (1 m) that crosses a textured wall (2.5 m) at a constant speed, pixels a second.
+struct Slide {
+  double speed_px = 0;
+  double Left(double t) const { return 30 + speed_px * t; }
+  bool OnSquare(int x, int y, double t) const { return x >= Left(t) && x < Left(t) + 28 && y >= 22 && y < 52; }
+  Image<Rgb8> Color(double t) const {
+    Image<Rgb8> image(kWidth, kHeight);
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        const Rgb8 wall = Pattern(x, y), square = Pattern(2.1 * (x - Left(t)) + 400, 1.7 * y - 90);
+        image(x, y) = OnSquare(x, y, t) ? Rgb8{square.b, square.r, 30} : wall;
+      }
+    return image;
+  }
+  Image<float> Depth(double t) const {
+    Image<float> depth(kWidth, kHeight);
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) depth(x, y) = OnSquare(x, y, t) ? 1.0F : 2.5F;
+    return depth;
+  }
+  MemorySource Source(const std::vector<double>& color_s, const std::vector<double>& depth_s) const {
+    std::vector<Image<Rgb8>> color;
+    std::vector<Image<float>> depth;
+    for (const double t : color_s) color.push_back(Color(t));
+    for (const double t : depth_s) depth.push_back(Depth(t));
+    return MemorySource(Clip(color_s, depth_s), std::move(color), std::move(depth));
+  }
+};
+
+std::vector<DepthResult> RunAll(const FrameSource& source, int threads = 1) {
+  std::vector<DepthResult> results;
+  const auto constants = EstimateClipConstants(source);
+  EXPECT_TRUE(constants.ok()) << constants.status();
+  const auto pipeline = MakePipeline();
+  for (const Interval& interval : PlanIntervals(source.sequence())) {
+    const auto summary = pipeline->Run(source, *constants, interval, {.threads = threads}, [&](DepthResult result) {
+      results.push_back(std::move(result));
+      return absl::OkStatus();
+    });
+    EXPECT_TRUE(summary.ok()) << summary.status();
+    EXPECT_EQ(summary->termination, "complete");
+    EXPECT_EQ(summary->frames, interval.frame_count);
+  }
+  return results;
+}
+
+double ShareWithin(const Image<float>& depth, const Image<float>& truth, float tolerance_m) {
+  int good = 0;
+  for (size_t i = 0; i < depth.pixel_count(); ++i) good += std::abs(depth.data()[i] - truth.data()[i]) <= tolerance_m;
+  return static_cast<double>(good) / static_cast<double>(depth.pixel_count());
+}
+
+// An image matches itself without cost, and the shifted one at its shift; outside the image nothing matches.
+TEST(MatchPatch, CostsNothingWhereTheImageIsTheSame) {
+  const Slide scene{.speed_px = 100};
+  const MatchImage a(scene.Color(0)), b(scene.Color(0.05));  // the square moved 5 px
+  for (const auto& [x, y] : {std::pair{44, 37}, std::pair{40, 30}}) {
+    const MatchPatch patch(a, x, y);
+    EXPECT_LT(patch.CostAt(a, x, y), 1e-3F);
+    EXPECT_LT(patch.CostAt(b, x + 5.0F, y), 1.0F);
+    EXPECT_GT(patch.CostAt(b, x, y), 8.0F);
+    EXPECT_EQ(patch.CostAt(b, -3.0F, y), MatchPatch::kTruncation);
+    EXPECT_GT(patch.CostAt(b, x, y, /*limit=*/2.0F), 2.0F);
+  }
+}
+
+// Interpolation between two pixels costs what the mean of their windows would.
+TEST(MatchPatch, InterpolatesBetweenPixels) {
+  Image<Rgb8> ramp(40, 20);
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 40; ++x)
+      ramp(x, y) = {static_cast<uint8_t>(4 * x), static_cast<uint8_t>(4 * x), static_cast<uint8_t>(4 * x)};
+  const MatchImage image(ramp);
+  const MatchPatch patch(image, 20, 10);
+  EXPECT_NEAR(patch.CostAt(image, 20.5F, 10), 2.0F, 0.01F);  // half a pixel of a ramp of 4 a pixel
+  EXPECT_NEAR(patch.CostAt(image, 19.25F, 10), 3.0F, 0.01F);
+}
+
+// The noise put into a flat wall is the noise found, and the median depth is the wall's.
+TEST(EstimateClipConstants, FindsTheNoiseThatWasPutIn) {
+  std::mt19937 random(5);
+  std::vector<Image<float>> depth;
+  std::vector<Image<Rgb8>> color;
+  const DepthNoise truth{.a_m = 0.002F, .b_per_m = 0.001F};
+  for (int k = 0; k < 4; ++k) {
+    Image<float> d(kWidth, kHeight);
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        const float z = y < kHeight / 2 ? 1.2F : 2.9F;
+        d(x, y) = z + truth.At(z) * std::normal_distribution<float>(0, 1)(random);
+      }
+    depth.push_back(std::move(d));
+    color.emplace_back(kWidth, kHeight, Rgb8{90, 90, 90});
+  }
+  const MemorySource source(Clip({0, 0.1, 0.2, 0.3}, {0, 0.1, 0.2, 0.3}), std::move(color), std::move(depth));
+  const auto constants = EstimateClipConstants(source);
+  ASSERT_TRUE(constants.ok());
+  const DepthNoise found{static_cast<float>(constants->noise_a_m), static_cast<float>(constants->noise_b_per_m)};
+  EXPECT_NEAR(found.At(1.2F), truth.At(1.2F), 0.25F * truth.At(1.2F));
+  EXPECT_NEAR(found.At(2.9F), truth.At(2.9F), 0.25F * truth.At(2.9F));
+  EXPECT_TRUE(constants->warnings.empty());
+}
+
+TEST(EstimateClipConstants, WarnsOfAnImplausibleScale) {
+  std::vector<Image<float>> depth;
+  depth.emplace_back(kWidth, kHeight, 0.004F);
+  std::vector<Image<Rgb8>> color;
+  color.emplace_back(kWidth, kHeight);
+  const MemorySource source(Clip({0}, {0}), std::move(color), std::move(depth));
+  const auto constants = EstimateClipConstants(source);
+  ASSERT_TRUE(constants.ok());
+  ASSERT_EQ(constants->warnings.size(), 1U);
+  EXPECT_THAT(constants->warnings[0], ::testing::HasSubstr("median depth of 0.004 m"));
+}
+
+// A depth frame belongs to the colour frame nearest in time; what lies between is a fraction of the step, unless the
+// stamps wander more than that.
+TEST(LocateKey, GivesTheNearestColourFrameAndTheRest) {
+  const Sequence regular = Clip({0, 0.1, 0.2, 0.3, 0.4, 0.5}, {0.0, 0.13, 0.26, 0.39});
+  EXPECT_EQ(LocateKey(regular, 0).color_index, 0);
+  EXPECT_EQ(LocateKey(regular, 0).toward, -1);
+  const Key between = LocateKey(regular, 1);
+  EXPECT_EQ(between.color_index, 1);
+  EXPECT_EQ(between.toward, 2);
+  EXPECT_NEAR(between.fraction, 0.3, 1e-6);
+  EXPECT_EQ(LocateKey(regular, 2).color_index, 3);
+  EXPECT_EQ(LocateKey(regular, 2).toward, 2);
+  EXPECT_NEAR(LocateKey(regular, 2).fraction, 0.4, 1e-6);
+  const Sequence wandering = Clip({0, 0.13, 0.19, 0.32, 0.39, 0.52}, {0.01, 0.14, 0.22, 0.33});
+  EXPECT_EQ(LocateKey(wandering, 0).toward, -1);
+}
+
+// A depth frame taken half a step after its colour frame is pulled back along the flow by half of it.
+TEST(MoveDepthToColorFrame, PullsBackAlongTheFlow) {
+  const Slide scene{.speed_px = 80};
+  const Image<Flow2> flow(kWidth, kHeight, Flow2{8, 0});
+  const Image<float> moved = MoveDepthToColorFrame(scene.Depth(0.05), flow, 0.5F);
+  EXPECT_GT(ShareWithin(moved, scene.Depth(0), 1e-6F), 0.95);
+}
+
+TEST(NearDepthJumps, MarksTheSurroundingsOfAStep) {
+  Image<float> depth(20, 3, 1.0F);
+  for (int y = 0; y < 3; ++y)
+    for (int x = 10; x < 20; ++x) depth(x, y) = 2.0F;
+  const Image<uint8_t> near = NearDepthJumps(depth, 3, {}, 1);
+  for (int x = 0; x < 20; ++x) EXPECT_EQ(near(x, 1), x >= 6 && x <= 12) << x;
+}
+
+// Nothing moves: every frame shows the wall and the square where they stand.
+TEST(Pipeline, IsExactWhereNothingMoves) {
+  const Slide scene;
+  const auto results = RunAll(scene.Source({0, 0.01, 0.02, 0.03}, {0, 0.03}));
+  ASSERT_EQ(results.size(), 4U);
+  for (const DepthResult& r : results) {
+    EXPECT_GT(ShareWithin(r.depth_m, scene.Depth(0), 1e-3F), 0.9999);
+    for (size_t i = 0; i < r.depth_m.pixel_count(); ++i) {
+      ASSERT_TRUE(std::isfinite(r.depth_m.data()[i]) && std::isfinite(r.sigma_m.data()[i]));
+      ASSERT_GT(r.sigma_m.data()[i], 0);
+    }
+  }
+  EXPECT_EQ(results[0].provenance(5, 5), Provenance::kMeasured);
+  EXPECT_EQ(results[1].provenance(5, 5), Provenance::kBoth);
+}
+
+// The square crosses the wall by 3 px a frame; truth is known at every stamp, also with irregular stamps, a dropped
+// depth frame and colour outside the depth frames.
+TEST(Pipeline, FollowsASlidingSquareInTime) {
+  const Slide scene{.speed_px = 300};
+  const std::vector<double> color = {-0.01, 0, 0.01, 0.023, 0.031, 0.04, 0.05, 0.06, 0.07};
+  const auto results = RunAll(scene.Source(color, {0, 0.06}), 2);
+  ASSERT_EQ(results.size(), color.size());
+  for (size_t i = 0; i < color.size(); ++i) {
+    SCOPED_TRACE(color[i]);
+    EXPECT_EQ(results[i].color_index, static_cast<int>(i));
+    const bool held = color[i] < 0 || color[i] > 0.06;
+    EXPECT_EQ(results[i].provenance(5, 5) == Provenance::kHeld, held);
+    if (!held) {
+      EXPECT_GT(ShareWithin(results[i].depth_m, scene.Depth(color[i]), 0.01F), 0.985);
+    }
+  }
+  // Held is the nearer key, unmoved.
+  EXPECT_EQ(ShareWithin(results.front().depth_m, scene.Depth(0), 1e-6F), 1.0);
+  EXPECT_EQ(ShareWithin(results.back().depth_m, scene.Depth(0.06), 1e-6F), 1.0);
+}
+
+// "The same bits" for any number of threads and any order of intervals is a promise of the interface.
+TEST(Pipeline, GivesTheSameBitsForAnyThreadsAndOrder) {
+  const Slide scene{.speed_px = 250};
+  const MemorySource source = scene.Source({0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06}, {0, 0.03, 0.06});
+  const auto one = RunAll(source, 1), three = RunAll(source, 3);
+  const auto constants = EstimateClipConstants(source);
+  const auto plan = PlanIntervals(source.sequence());
+  std::vector<DepthResult> last;
+  ASSERT_TRUE(MakePipeline()
+                  ->Run(source, *constants, plan[1], {.threads = 2},
+                        [&](DepthResult r) {
+                          last.push_back(std::move(r));
+                          return absl::OkStatus();
+                        })
+                  .ok());
+  const auto same = [](const DepthResult& a, const DepthResult& b) {
+    const size_t n = a.depth_m.pixel_count();
+    return a.color_index == b.color_index && std::memcmp(a.depth_m.data(), b.depth_m.data(), n * sizeof(float)) == 0 &&
+           std::memcmp(a.sigma_m.data(), b.sigma_m.data(), n * sizeof(float)) == 0 &&
+           std::memcmp(a.provenance.data(), b.provenance.data(), n) == 0;
+  };
+  ASSERT_EQ(one.size(), three.size());
+  for (size_t i = 0; i < one.size(); ++i) EXPECT_TRUE(same(one[i], three[i])) << i;
+  for (size_t i = 0; i < last.size(); ++i) EXPECT_TRUE(same(last[i], one[3 + i])) << i;
+}
+
+TEST(Pipeline, StopsWhenAsked) {
+  const MemorySource source = Slide{}.Source({0, 0.01, 0.02}, {0, 0.02});
+  std::stop_source stop;
+  stop.request_stop();
+  const auto summary = MakePipeline()->Run(source, {}, PlanIntervals(source.sequence())[0], {.stop = stop.get_token()},
+                                           [](DepthResult) { return absl::OkStatus(); });
+  EXPECT_EQ(summary.status().code(), absl::StatusCode::kCancelled);
+}
+
+TEST(Pipeline, PassesOnWhatTheSinkSays) {
+  const MemorySource source = Slide{}.Source({0, 0.01, 0.02}, {0, 0.02});
+  const auto summary = MakePipeline()->Run(source, {}, PlanIntervals(source.sequence())[0], {},
+                                           [](DepthResult) { return absl::ResourceExhaustedError("disk full"); });
+  EXPECT_EQ(summary.status().message(), "disk full");
+}
+
+// Keys without a single measurement give frames without an answer, not an error.
+TEST(Pipeline, KnowsNothingFromEmptyKeys) {
+  std::vector<Image<float>> depth;
+  std::vector<Image<Rgb8>> color;
+  for (int i = 0; i < 2; ++i) depth.emplace_back(kWidth, kHeight);
+  for (int i = 0; i < 3; ++i) color.push_back(Slide{}.Color(0));
+  const auto results = RunAll(MemorySource(Clip({0, 0.01, 0.02}, {0, 0.02}), std::move(color), std::move(depth)));
+  for (const DepthResult& r : results) {
+    EXPECT_EQ(r.depth_m(10, 10), 0.0F);
+    EXPECT_EQ(r.provenance(10, 10), Provenance::kNone);
+  }
+}
+
+TEST(PipelineOptions, ExplainWhatIsWrong) {
+  EXPECT_TRUE(PipelineOptions{}.Validate().ok());
+  EXPECT_THAT(PipelineOptions{.sweeps = -1}.Validate().message(), ::testing::HasSubstr("sweeps = -1"));
+  EXPECT_THAT(PipelineOptions{.median_radius = 99}.Validate().message(), ::testing::HasSubstr("median_radius = 99"));
+}
+
+// On a rendered scene with a sensor's noise, whose truth is exact: closer to it than every baseline.
+TEST(Pipeline, BeatsTheBaselinesOnARenderedScene) {
+  SyntheticOptions options;
+  options.scene = "bounce";
+  options.frames = 9;
+  options.width = 192;
+  options.height = 160;
+  auto source = SyntheticSequence::Create(options, 2);
+  ASSERT_TRUE(source.ok()) << source.status();
+  const auto constants = EstimateClipConstants(**source);
+  ASSERT_TRUE(constants.ok());
+  const auto rmse = [&](const Upsampler& method) {
+    double sum = 0, count = 0;
+    for (const Interval& interval : PlanIntervals((*source)->sequence())) {
+      const auto summary = method.Run(**source, *constants, interval, {.threads = 2}, [&](DepthResult r) {
+        const Image<float> truth = (*source)->ColorView(r.color_index).Surface(2).depth_m;
+        for (size_t i = 0; i < truth.pixel_count(); ++i) {
+          if (truth.data()[i] <= 0) continue;
+          sum += std::pow(r.depth_m.data()[i] - truth.data()[i], 2);
+          ++count;
+        }
+        return absl::OkStatus();
+      });
+      EXPECT_TRUE(summary.ok()) << summary.status();
+    }
+    return std::sqrt(sum / count);
+  };
+  const double ours = rmse(*MakePipeline());
+  for (const char* name : {"hold", "linear", "flow-warp"}) {
+    const auto baseline = MakeBaseline(name);
+    ASSERT_TRUE(baseline.ok());
+    EXPECT_LT(ours, 0.8 * rmse(**baseline)) << name;
+  }
+}
+
+}  // namespace
+}  // namespace depthtween
