@@ -38,7 +38,13 @@ absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::st
   const std::string lock = absolute + "/lock";
   const int fd = open(lock.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
   if (fd < 0) return ErrnoStatus(errno, "open " + lock);
-  if (flock(fd, LOCK_EX | LOCK_NB) != 0) {
+  // A child that a killed server had just forked shares its lock until it notices, which takes it milliseconds.
+  int locked = flock(fd, LOCK_EX | LOCK_NB);
+  for (int i = 0; i < 50 && locked != 0 && errno == EWOULDBLOCK; ++i) {
+    absl::SleepFor(absl::Milliseconds(20));
+    locked = flock(fd, LOCK_EX | LOCK_NB);
+  }
+  if (locked != 0) {
     const int error_number = errno;
     const std::string owner = ReadShortFile(fd);
     close(fd);
