@@ -1,8 +1,8 @@
 // Image owns pixels; ImageView borrows them and is passed by value.
 //
-// The pixel convention of the whole project: x right, y down, the integer coordinate (x, y) is the centre of a pixel, so
-// an image covers [-0.5, width-0.5) x [-0.5, height-0.5).
-// Depth images are float metres along z with 0 = unknown. Colour images are 8-bit sRGB. No image holds NaN.
+// The pixel convention of the whole project: x right, y down, the integer coordinate (x, y) is the centre of a pixel,
+// so an image covers [-0.5, width-0.5) x [-0.5, height-0.5). Depth images are float metres along z with 0 = unknown.
+// Colour images are 8-bit sRGB. No image holds NaN.
 //
 // Threads: an Image is a value; concurrent reads are safe, and so are writes to different pixels.
 #ifndef DEPTHTWEEN_CORE_BASE_IMAGE_H_
@@ -60,9 +60,7 @@ class ImageView {
   }
   bool Contains(int x, int y) const { return x >= 0 && y >= 0 && x < width_ && y < height_; }
   // The nearest pixel inside the image.
-  T& Clamped(int x, int y) const {
-    return (*this)(std::clamp(x, 0, width_ - 1), std::clamp(y, 0, height_ - 1));
-  }
+  T& Clamped(int x, int y) const { return (*this)(std::clamp(x, 0, width_ - 1), std::clamp(y, 0, height_ - 1)); }
   template <typename U>
   bool SameSize(const ImageView<U>& other) const {
     return width_ == other.width() && height_ == other.height();

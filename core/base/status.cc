@@ -10,7 +10,8 @@ absl::Status WithContext(const absl::Status& status, std::string_view context) {
   if (status.ok()) return status;
   absl::Status result(status.code(),
                       absl::StrCat(absl::string_view(context.data(), context.size()), ": ", status.message()));
-  status.ForEachPayload([&result](absl::string_view type, const absl::Cord& payload) { result.SetPayload(type, payload); });
+  status.ForEachPayload(
+      [&result](absl::string_view type, const absl::Cord& payload) { result.SetPayload(type, payload); });
   return result;
 }
 

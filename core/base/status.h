@@ -1,4 +1,5 @@
-// Errors travel as values: absl::Status and absl::StatusOr at every module boundary, with the two macros that pass them on.
+// Errors travel as values: absl::Status and absl::StatusOr at every module boundary, with the two macros that pass them
+// on.
 //
 // Codes, as used throughout:  InvalidArgument names field, value and rule.  NotFound: no such file or resource.
 // FailedPrecondition: the wrong state.  ResourceExhausted: a limit or a full disk.  DataLoss: damaged bytes.
@@ -16,8 +17,8 @@
 #define DEPTHTWEEN_CONCAT_INNER(a, b) a##b
 #define DEPTHTWEEN_CONCAT(a, b) DEPTHTWEEN_CONCAT_INNER(a, b)
 
-#define RETURN_IF_ERROR(expression)                        \
-  do {                                                     \
+#define RETURN_IF_ERROR(expression)                                         \
+  do {                                                                      \
     if (absl::Status status_ = (expression); !status_.ok()) return status_; \
   } while (false)
 

@@ -14,7 +14,8 @@ constexpr double kMaxMegapixels = 64e6;
 Vec2 Distort(const Camera& c, const Vec2& n) {
   const double x = n.x(), y = n.y(), r2 = x * x + y * y;
   const double radial = 1 + r2 * (c.k1 + r2 * (c.k2 + r2 * c.k3));
-  return {x * radial + 2 * c.p1 * x * y + c.p2 * (r2 + 2 * x * x), y * radial + c.p1 * (r2 + 2 * y * y) + 2 * c.p2 * x * y};
+  return {x * radial + 2 * c.p1 * x * y + c.p2 * (r2 + 2 * x * x),
+          y * radial + c.p1 * (r2 + 2 * y * y) + 2 * c.p2 * x * y};
 }
 
 absl::Status FieldError(const char* field, double value, const char* rule) {

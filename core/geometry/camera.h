@@ -15,8 +15,8 @@ using Vec2 = Eigen::Vector2d;
 using Vec3 = Eigen::Vector3d;
 
 struct Camera {
-  int width = 0, height = 0;                       // pixels
-  double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;   // pixels
+  int width = 0, height = 0;                      // pixels
+  double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;  // pixels
   double k1 = 0.0, k2 = 0.0, p1 = 0.0, p2 = 0.0, k3 = 0.0;
 
   bool HasDistortion() const { return k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 || k3 != 0; }

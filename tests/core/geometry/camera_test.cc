@@ -8,8 +8,17 @@ namespace {
 // Project after Unproject is the identity for any lens the iteration converges on; this one is a Kinect v1's
 // (TUM RGB-D fr1), the strongest distortion among the cameras we measure on.
 TEST(Camera, ProjectUndoesUnproject) {
-  const Camera camera{.width = 640, .height = 480, .fx = 517.3, .fy = 516.5, .cx = 318.6, .cy = 255.3,
-                      .k1 = 0.2624, .k2 = -0.9531, .p1 = -0.0054, .p2 = 0.0026, .k3 = 1.1633};
+  const Camera camera{.width = 640,
+                      .height = 480,
+                      .fx = 517.3,
+                      .fy = 516.5,
+                      .cx = 318.6,
+                      .cy = 255.3,
+                      .k1 = 0.2624,
+                      .k2 = -0.9531,
+                      .p1 = -0.0054,
+                      .p2 = 0.0026,
+                      .k3 = 1.1633};
   ASSERT_TRUE(camera.Validate().ok());
   for (double x : {0.0, 100.0, 318.6, 639.0})
     for (double y : {0.0, 255.3, 479.0}) {

@@ -54,9 +54,9 @@ TEST(PlanIntervals, CoversEveryFrameOnce) {
   }
   EXPECT_EQ(next, 9);
   EXPECT_EQ(plan[0].key_before, -1);
-  EXPECT_EQ(plan[1].frame_count, 3);                      // 0 1 2 between keys at 0 and 4; nothing lies in [4, 5)
+  EXPECT_EQ(plan[1].frame_count, 3);  // 0 1 2 between keys at 0 and 4; nothing lies in [4, 5)
   EXPECT_EQ(plan[2].key_before, 2);
-  EXPECT_EQ(plan[2].frame_count, 3);                      // 5 9 10: the frame at the last key closes its interval
+  EXPECT_EQ(plan[2].frame_count, 3);  // 5 9 10: the frame at the last key closes its interval
   EXPECT_EQ(plan[3].key_after, -1);
   EXPECT_TRUE(plan[3].Held());
 }
