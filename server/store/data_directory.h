@@ -24,8 +24,8 @@ namespace depthtween::server {
 
 class DataDirectory {
  public:
-  // Makes the folders that are missing and takes the lock. FailedPrecondition, naming the other process, if it is
-  // taken.
+  // Makes the folders that are missing and takes the lock. FailedPrecondition, naming the other process, if it is taken
+  // and stays so for a second.
   static absl::StatusOr<std::unique_ptr<DataDirectory>> Open(const std::string& path);
   ~DataDirectory();
   DataDirectory(const DataDirectory&) = delete;
