@@ -1,6 +1,7 @@
 #include "client/lib/local_sequence.h"
 
 #include <fcntl.h>
+#include <google/protobuf/stubs/common.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -12,6 +13,7 @@
 #include <string_view>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -40,6 +42,17 @@ absl::StatusOr<std::vector<std::string>> ReadList(const fs::path& list) {
   return names;
 }
 
+// What protobuf can carry as text.
+bool IsUtf8(const std::string& text) {
+  return google::protobuf::internal::IsStructurallyValidUTF8(text.data(), static_cast<int>(text.size()));
+}
+
+// A name for people of at most 200 bytes, which is what a server takes.
+std::string DisplayName(const std::string& folder_name) {
+  const bool fits = folder_name.size() <= 200 && IsUtf8(folder_name);
+  return fits ? folder_name : absl::CHexEscape(folder_name).substr(0, 200);
+}
+
 absl::Status MissingFiles(const std::string& directory, const std::vector<std::string>& missing) {
   std::string named = absl::StrJoin(
       missing.begin(), missing.begin() + static_cast<int64_t>(std::min(missing.size(), kNamedInMessage)), ", ");
@@ -59,7 +72,7 @@ absl::StatusOr<LocalSequence> FindSequence(const std::string& directory) {
   if (!fs::is_directory(root)) {
     return absl::InvalidArgumentError(directory + " is a file; name the folder that holds rgb.txt and depth.txt");
   }
-  LocalSequence sequence{.directory = root.string(), .display_name = root.filename().string()};
+  LocalSequence sequence{.directory = root.string(), .display_name = DisplayName(root.filename().string())};
   std::vector<std::string> missing;
   std::set<std::string> seen;
   const auto add = [&](const std::string& path) {
@@ -80,6 +93,10 @@ absl::StatusOr<LocalSequence> FindSequence(const std::string& directory) {
     if (!fs::exists(root / list, error)) continue;
     ASSIGN_OR_RETURN(const std::vector<std::string> names, ReadList(root / list));
     for (const std::string& name : names) {
+      if (!IsUtf8(name)) {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("%s: the file name '%s' is not UTF-8 text; rename the file", list, absl::CHexEscape(name)));
+      }
       const fs::path path = fs::path(name).lexically_normal();
       if (path.is_absolute() || *path.begin() == "..") {
         return absl::InvalidArgumentError(absl::StrFormat(

@@ -24,7 +24,7 @@ struct LocalFile {
 
 struct LocalSequence {
   std::string directory;
-  std::string display_name;  // the folder's own name
+  std::string display_name;  // the folder's own name, where a server takes it
   std::vector<LocalFile>
       files;  // camera.json, rgb.txt, depth.txt, then the frames in the order of the lists, each once
   int64_t size_bytes = 0;

@@ -64,6 +64,19 @@ TEST(FindSequence, RefusesToLeaveTheFolder) {
   }
 }
 
+// What protobuf cannot carry as text must not be tried: in a list it is an error, in the folder's name it is escaped.
+TEST(FindSequence, CopesWithNamesThatAreNoText) {
+  const TempFolder folder;
+  folder.Write("rgb.txt", "0.0 rgb/\xFF.png\n");
+  EXPECT_TRUE(absl::IsInvalidArgument(FindSequence(folder.path()).status()));
+
+  const TempFolder parent;
+  for (const char* file : {"camera.json", "rgb.txt", "depth.txt"}) parent.Write(std::string("a\xFF/") + file, "");
+  const auto sequence = FindSequence(parent.path("a\xFF"));
+  ASSERT_TRUE(sequence.ok()) << sequence.status();
+  EXPECT_EQ(sequence->display_name, "a\\xff");
+}
+
 // FIPS 180-2, appendix B.1: the digest of "abc".
 TEST(Sha256, MatchesTheStandardsExample) {
   Sha256 hash;
