@@ -10,7 +10,7 @@
 namespace depthtween {
 
 struct WeightedMedianOptions {
-  int radius = 5;            // pixels, 1..15
+  int radius = 4;            // pixels, 1..15
   float space_sigma = 2.0F;  // pixels: thin things must not be outvoted by the wide background around them
   float color_sigma = 5.0F;  // sRGB units, per channel: a little above a camera's noise
 };

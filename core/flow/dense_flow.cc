@@ -78,12 +78,13 @@ Flow2 SampleFlow(ImageView<const Flow2> flow, float x, float y) {
   return {w00 * a.u + w10 * b.u + w01 * c.u + w11 * d.u, w00 * a.v + w10 * b.v + w01 * c.v + w11 * d.v};
 }
 
-Image<Flow2> Compose(ImageView<const Flow2> ab, ImageView<const Flow2> bc) {
+Image<Flow2> Compose(ImageView<const Flow2> ab, ImageView<const Flow2> bc, int step) {
   Image<Flow2> ac(ab.width(), ab.height());
   for (int y = 0; y < ab.height(); ++y)
     for (int x = 0; x < ab.width(); ++x) {
       const Flow2 first = ab(x, y);
-      const Flow2 second = SampleFlow(bc, static_cast<float>(x) + first.u, static_cast<float>(y) + first.v);
+      const Flow2 second =
+          SampleFlow(bc, static_cast<float>(x * step) + first.u, static_cast<float>(y * step) + first.v);
       ac(x, y) = {first.u + second.u, first.v + second.v};
     }
   return ac;

@@ -37,8 +37,9 @@ absl::StatusOr<Image<Flow2>> DenseFlow(ImageView<const uint8_t> from, ImageView<
 // Bilinear value at a sub-pixel position, clamped to the image.
 Flow2 SampleFlow(ImageView<const Flow2> flow, float x, float y);
 
-// a->c from a->b and b->c: at(x) = ab(x) + bc(x + ab(x)).
-Image<Flow2> Compose(ImageView<const Flow2> ab, ImageView<const Flow2> bc);
+// a->c from a->b and b->c: ac(x) = ab(x) + bc(x + ab(x)). `ab` may be known at every `step`-th pixel only: entry (i, j)
+// is pixel (i * step, j * step); so is the result.
+Image<Flow2> Compose(ImageView<const Flow2> ab, ImageView<const Flow2> bc, int step = 1);
 
 }  // namespace depthtween
 

@@ -39,22 +39,23 @@ void DrawTriangle(const Vertex& a, const Vertex& b, const Vertex& c, Image<float
 
 }  // namespace
 
-DrawnSurface DrawSurface(ImageView<const Flow2> positions, ImageView<const float> depth_m,
+DrawnSurface DrawSurface(ImageView<const Flow2> positions, ImageView<const float> depth_m, int width, int height,
                          const SurfaceRasterOptions& options) {
-  const int width = positions.width(), height = positions.height();
   DrawnSurface drawn{Image<float>(width, height), Image<Flow2>(width, height)};  // depth_m holds 1/z until the end
-  const auto vertex = [&](int x, int y) {
-    const Flow2 p = positions(x, y);
-    return Vertex{p.u, p.v, 1.0F / depth_m(x, y), static_cast<float>(x), static_cast<float>(y)};
+  const auto vertex = [&](int i, int j) {
+    const Flow2 p = positions(i, j);
+    return Vertex{p.u, p.v, 1.0F / depth_m(i, j), static_cast<float>(i * options.step),
+                  static_cast<float>(j * options.step)};
   };
+  const float longest = options.max_stretch * static_cast<float>(options.step);
   const auto joined = [&](const Vertex& a, const Vertex& b) {
     const float dx = a.x - b.x, dy = a.y - b.y;
-    if (dx * dx + dy * dy > options.max_edge_px * options.max_edge_px) return false;
+    if (dx * dx + dy * dy > longest * longest) return false;
     // |za - zb| <= gap * min(za, zb), in inverse depth.
     return std::abs(a.inverse_z - b.inverse_z) <= options.layer_gap * std::min(a.inverse_z, b.inverse_z);
   };
-  for (int y = 0; y + 1 < height; ++y)
-    for (int x = 0; x + 1 < width; ++x) {
+  for (int y = 0; y + 1 < positions.height(); ++y)
+    for (int x = 0; x + 1 < positions.width(); ++x) {
       if (depth_m(x + 1, y) <= 0 || depth_m(x, y + 1) <= 0) continue;
       const Vertex right = vertex(x + 1, y), below = vertex(x, y + 1);
       if (!joined(right, below)) continue;

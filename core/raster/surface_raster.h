@@ -1,6 +1,6 @@
 // Draws a depth map's surface after its points have moved: nearest wins, nothing spans a cut.
 //
-// Shapes:   positions, depth_m and the drawing: W x H.
+// Shapes:   positions and depth_m: one vertex per `step` source pixels, in both directions; the drawing: W x H pixels.
 // Units:    pixels and metres, 0 = unknown.
 // Threads:  safe to call concurrently.
 #ifndef DEPTHTWEEN_CORE_RASTER_SURFACE_RASTER_H_
@@ -11,8 +11,10 @@
 namespace depthtween {
 
 struct SurfaceRasterOptions {
-  // An edge is drawn while it is at most this long in the target, pixels; longer ones are torn, not stretched.
-  float max_edge_px = 2.5F;
+  // Source pixels between neighbouring vertices: vertex (i, j) is source pixel (i * step, j * step).
+  int step = 1;
+  // An edge is drawn while it is stretched at most this much in the target; longer ones are torn.
+  float max_stretch = 2.5F;
   // Neighbours whose depths differ by more than this share of the nearer belong to different surfaces.
   float layer_gap = 0.04F;
 };
@@ -24,7 +26,7 @@ struct DrawnSurface {
 
 // `positions(x, y)` is where source pixel (x, y) lies in the target and `depth_m(x, y)` its depth there; a pixel takes
 // part when that depth is positive. Edges are cut where `depth_m` jumps. Triangles that turned over are not drawn.
-DrawnSurface DrawSurface(ImageView<const Flow2> positions, ImageView<const float> depth_m,
+DrawnSurface DrawSurface(ImageView<const Flow2> positions, ImageView<const float> depth_m, int width, int height,
                          const SurfaceRasterOptions& options);
 
 }  // namespace depthtween

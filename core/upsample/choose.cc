@@ -34,8 +34,8 @@ struct Pixel {
   int x, y;
 };
 Pixel NearestPixel(const Image<float>& image, float x, float y) {
-  return {std::clamp(static_cast<int>(std::lround(x)), 0, image.width() - 1),
-          std::clamp(static_cast<int>(std::lround(y)), 0, image.height() - 1)};
+  return {std::clamp(static_cast<int>(std::floor(x + 0.5F)), 0, image.width() - 1),
+          std::clamp(static_cast<int>(std::floor(y + 0.5F)), 0, image.height() - 1)};
 }
 
 float CostOf(const MatchPatch& patch, const Key& key, float x, float y, float limit = MatchPatch::kTruncation) {
@@ -59,9 +59,13 @@ Image<uint8_t> Dilate(const Image<uint8_t>& mask, int radius, int threads) {
     }
   });
   ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y)
-      for (int ny = std::max(0, y - radius); ny <= std::min(height - 1, y + radius); ++ny)
-        for (int x = 0; x < width; ++x) out(x, y) |= rows(x, ny);
+    for (int y = begin; y < end; ++y) {
+      uint8_t* __restrict to = out.row(y);
+      for (int ny = std::max(0, y - radius); ny <= std::min(height - 1, y + radius); ++ny) {
+        const uint8_t* __restrict from = rows.row(ny);
+        for (int x = 0; x < width; ++x) to[x] |= from[x];
+      }
+    }
   });
   return out;
 }
@@ -98,16 +102,20 @@ float SampleDepthInLayer(ImageView<const float> depth_m, float x, float y, const
   const int x0 = static_cast<int>(x), y0 = static_cast<int>(y);
   const int x1 = std::min(x0 + 1, depth_m.width() - 1), y1 = std::min(y0 + 1, depth_m.height() - 1);
   const float ax = x - static_cast<float>(x0), ay = y - static_cast<float>(y0);
-  const float nearest = depth_m(ax < 0.5F ? x0 : x1, ay < 0.5F ? y0 : y1);
+  const float z00 = depth_m(x0, y0), z10 = depth_m(x1, y0), z01 = depth_m(x0, y1), z11 = depth_m(x1, y1);
+  const float w00 = (1 - ax) * (1 - ay), w10 = ax * (1 - ay), w01 = (1 - ax) * ay, w11 = ax * ay;
+  const float least = std::min({z00, z10, z01, z11}), most = std::max({z00, z10, z01, z11});
+  if (least > 0 && most - least <= kLayerGap * least) return w00 * z00 + w10 * z10 + w01 * z01 + w11 * z11;
+  const float nearest = ay < 0.5F ? (ax < 0.5F ? z00 : z10) : (ax < 0.5F ? z01 : z11);
   if (nearest <= 0) return 0.0F;
   float sum = 0, weight = 0;
   const auto add = [&](float z, float w) {
     if (z > 0 && SameLayer(z, nearest, noise)) sum += w * z, weight += w;
   };
-  add(depth_m(x0, y0), (1 - ax) * (1 - ay));
-  add(depth_m(x1, y0), ax * (1 - ay));
-  add(depth_m(x0, y1), (1 - ax) * ay);
-  add(depth_m(x1, y1), ax * ay);
+  add(z00, w00);
+  add(z10, w10);
+  add(z01, w01);
+  add(z11, w11);
   return weight > 0 ? sum / weight : nearest;
 }
 
@@ -159,8 +167,8 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
   // reads the one before, so that the order of pixels does not matter.
   const float mirror[2] = {input.tau > 0.02F && input.tau < 0.98F ? -input.tau / (1 - input.tau) : 0.0F,
                            input.tau > 0.02F && input.tau < 0.98F ? -(1 - input.tau) / input.tau : 0.0F};
-  // From far to near: good motions first jump, then spread.
-  constexpr int kSteps[][2] = {{11, 4}, {4, 1}, {1, 0}};
+  // How far the neighbours lie that each pixel of a checkerboard asks: good motions first jump, then spread.
+  constexpr int kSteps[][2] = {{11, 4}, {4, 1}, {1, 1}};
   for (int sweep = 0; sweep < options.sweeps; ++sweep) {
     const Image<Flow2> previous[2] = {choice.sides[0].motion.Clone(), choice.sides[1].motion.Clone()};
     ParallelRows(height, threads, [&](int begin, int end) {
@@ -176,13 +184,13 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
                                                  static_cast<float>(y) + best.v);
             side.cost(x, y) = best_cost;
             if (best_cost < kGoodCost) continue;
-            Flow2 tried[32];
-            int tried_count = 0;
+            std::array<Flow2, 16> tried;
+            size_t tried_count = 0;
             const auto propose = [&](Flow2 m) {
-              // Motions closer than an eighth of a pixel are one.
-              const auto near = [&](Flow2 t) { return std::abs(t.u - m.u) < 0.125F && std::abs(t.v - m.v) < 0.125F; };
-              if (near(previous[s](x, y)) || std::any_of(tried, tried + tried_count, near)) return;
-              if (tried_count < 32) tried[tried_count++] = m;
+              // Motions closer than a quarter of a pixel are one.
+              const auto near = [&](Flow2 t) { return std::abs(t.u - m.u) < 0.25F && std::abs(t.v - m.v) < 0.25F; };
+              if (near(previous[s](x, y)) || std::any_of(tried.begin(), tried.begin() + tried_count, near)) return;
+              if (tried_count < tried.size()) tried[tried_count++] = m;
               const float cost =
                   CostOf(patch, *input.keys[s], static_cast<float>(x) + m.u, static_cast<float>(y) + m.v, best_cost);
               if (cost < best_cost - kMargin) best = m, best_cost = cost;
@@ -193,13 +201,10 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
               const Flow2 o = previous[1 - s](x, y);
               propose({mirror[s] * o.u, mirror[s] * o.v});
             }
-            // Far jumps from every second pixel will do: the next sweep carries them to the rest.
-            const bool jumps = sweep > 0 || (x + y) % 2 == 0;
-            for (const int step : kSteps[std::min(sweep, 2)])
-              for (int dy = -step; step > 0 && dy <= step; dy += step)
-                for (int dx = -step; dx <= step; dx += step)
-                  if (jumps && (dx != 0 || dy != 0) && previous[s].Contains(x + dx, y + dy))
-                    propose(previous[s](x + dx, y + dy));
+            const int step = kSteps[std::min(sweep, 2)][(x + y) % 2];
+            for (int dy = -step; dy <= step; dy += step)
+              for (int dx = -step; dx <= step; dx += step)
+                if ((dx != 0 || dy != 0) && previous[s].Contains(x + dx, y + dy)) propose(previous[s](x + dx, y + dy));
             side.motion(x, y) = best;
             side.cost(x, y) = best_cost;
           }

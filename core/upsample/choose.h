@@ -27,7 +27,7 @@ struct ChooseInput {
 };
 
 struct ChooseOptions {
-  int sweeps = 3;
+  int sweeps = 2;
 };
 
 struct SideChoice {

@@ -13,6 +13,7 @@ constexpr float kModerate = 0.20F;     // share of depth: one surface that moved
 constexpr float kEqualCost = 2.0F;     // sRGB units
 constexpr float kCostScale = 4.0F;     // a match worse by this counts 1/e
 constexpr float kTimeCost = 1.0F;      // what the far end of the interval costs the far key, sRGB units
+constexpr int kJumpReach = 2;          // pixels from a silhouette where its wrong side is a danger
 constexpr float kSeenDistance = 1.5F;  // a key pixel nearer than this to a measurement counts as seen
 
 float DistanceAt(const Key& key, int x, int y, Flow2 m) {
@@ -68,6 +69,7 @@ Image<float> PredictSigma(ImageView<const float> depth_m, ImageView<const float>
                           ImageView<const Provenance> provenance, const DepthNoise& noise, int threads) {
   const int width = depth_m.width(), height = depth_m.height();
   Image<float> sigma(width, height);
+  const Image<uint8_t> near_jump = NearDepthJumps(depth_m, kJumpReach, noise, threads);
   ParallelRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < width; ++x) {
@@ -75,8 +77,8 @@ Image<float> PredictSigma(ImageView<const float> depth_m, ImageView<const float>
         if (z <= 0) continue;
         // The farthest another layer lies within two pixels: what being on the wrong side of the edge would cost.
         float step = 0;
-        for (int dy = -2; dy <= 2; ++dy)
-          for (int dx = -2; dx <= 2; ++dx) {
+        for (int dy = -kJumpReach; near_jump(x, y) && dy <= kJumpReach; ++dy)
+          for (int dx = -kJumpReach; dx <= kJumpReach; ++dx) {
             const float other = depth_m.Clamped(x + dx, y + dy);
             if (other > 0 && !SameLayer(z, other, noise)) step = std::max(step, std::abs(other - z));
           }

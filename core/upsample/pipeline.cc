@@ -20,10 +20,23 @@ namespace depthtween {
 namespace {
 
 // Neighbour-to-neighbour flow only proposes and starts: half resolution is enough. The flow to a key decides edges.
-constexpr DenseFlowOptions kNeighbourFlow{.finest_scale = 1};
+constexpr DenseFlowOptions kNeighbourFlow{.finest_scale = 1, .patch_stride = 4, .descent_iterations = 16};
 
+// Over so few frames, and so few pixels in the mean, motion is small and its error smaller: half resolution is enough.
+constexpr int kNearFrames = 2;
+constexpr double kNearMotionPx = 4.0;
+// Surfaces are drawn from every second pixel: inside a layer motion is smooth, and a proposal need not know its edges.
+constexpr int kDrawStep = 2;
 // A track's two ends whose depths differ by more than this share of the nearer are on two surfaces.
 constexpr float kSameSurface = 0.2F;
+
+// Mean length of the motions, from every fourth pixel in both directions.
+double MeanLength(const Image<Flow2>& flow) {
+  double sum = 0, count = 0;
+  for (int y = 0; y < flow.height(); y += 4)
+    for (int x = 0; x < flow.width(); x += 4, ++count) sum += std::hypot(flow(x, y).u, flow(x, y).v);
+  return sum / count;
+}
 
 // The colour frames that one interval looks at: its own and those of its keys.
 struct Window {
@@ -164,10 +177,11 @@ class IntervalRun {
   // directly.
   absl::Status FlowToKeys() {
     const int count = window_.size();
-    const DenseFlowOptions direct{.finest_scale = options_.flow_finest_scale,
-                                  .patch_stride = 4,
-                                  .descent_iterations = 12,
-                                  .refinement_iterations = 2};
+    const DenseFlowOptions far{.finest_scale = options_.flow_finest_scale,
+                               .patch_stride = 5,
+                               .descent_iterations = 12,
+                               .refinement_iterations = 2};
+    const DenseFlowOptions near{.finest_scale = std::max(1, options_.flow_finest_scale)};
     for (int side = 0; side < 2; ++side) composed_[side].resize(count), refined_[side].resize(count);
     RETURN_IF_ERROR(SideBySide(2, [&](int side) {
       const int key = KeyInWindow(side);
@@ -182,8 +196,10 @@ class IntervalRun {
         refined_[side][frame] = composed_[side][frame].Clone();
         return absl::OkStatus();
       }
+      const Image<Flow2>& start = composed_[side][frame];
+      const bool is_near = std::abs(frame - key) <= kNearFrames && MeanLength(start) <= kNearMotionPx;
       ASSIGN_OR_RETURN(refined_[side][frame],
-                       DenseFlow(window_.luma[frame], window_.luma[key], direct, &composed_[side][frame]));
+                       DenseFlow(window_.luma[frame], window_.luma[key], is_near ? near : far, &start));
       return absl::OkStatus();
     });
   }
@@ -195,9 +211,10 @@ class IntervalRun {
     for (int side = 0; side < 2; ++side) tracks[side].resize(count), drawn_[side].resize(count);
     RETURN_IF_ERROR(SideBySide(2, [&](int side) {
       const int key = KeyInWindow(side);
-      tracks[side][key] = Image<Flow2>(window_.color[key].width(), window_.color[key].height());
-      for (int s = key + 1; s < count; ++s) tracks[side][s] = Compose(tracks[side][s - 1], forward_[s - 1]);
-      for (int s = key - 1; s >= 0; --s) tracks[side][s] = Compose(tracks[side][s + 1], backward_[s]);
+      const auto& color = window_.color[key];
+      tracks[side][key] = Image<Flow2>(color.width() / kDrawStep, color.height() / kDrawStep);
+      for (int s = key + 1; s < count; ++s) tracks[side][s] = Compose(tracks[side][s - 1], forward_[s - 1], kDrawStep);
+      for (int s = key - 1; s >= 0; --s) tracks[side][s] = Compose(tracks[side][s + 1], backward_[s], kDrawStep);
       return absl::OkStatus();
     }));
     return SideBySide(2 * interval_.frame_count, [&](int i) {
@@ -213,20 +230,20 @@ class IntervalRun {
   // that is its layer.
   Image<Flow2> DrawnMotion(const Key& key, const Key& other, ImageView<const Flow2> to_frame,
                            ImageView<const Flow2> to_other, float tau) const {
-    const int width = to_frame.width(), height = to_frame.height();
-    Image<Flow2> position(width, height);
-    Image<float> depth(width, height);
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x) {
-        const Flow2 step = to_frame(x, y), end = to_other(x, y);
-        position(x, y) = {static_cast<float>(x) + step.u, static_cast<float>(y) + step.v};
-        const float z = key.depth_m(x, y);
-        const float z_end =
-            SampleDepthInLayer(other.depth_m, static_cast<float>(x) + end.u, static_cast<float>(y) + end.v, noise_);
-        depth(x, y) =
-            z > 0 && z_end > 0 && std::abs(z_end - z) < kSameSurface * std::min(z, z_end) ? z + tau * (z_end - z) : z;
+    const int width = key.depth_m.width(), height = key.depth_m.height();
+    Image<Flow2> position(to_frame.width(), to_frame.height());
+    Image<float> depth(to_frame.width(), to_frame.height());
+    for (int j = 0; j < to_frame.height(); ++j)
+      for (int i = 0; i < to_frame.width(); ++i) {
+        const float x = static_cast<float>(i * kDrawStep), y = static_cast<float>(j * kDrawStep);
+        const Flow2 step = to_frame(i, j), end = to_other(i, j);
+        position(i, j) = {x + step.u, y + step.v};
+        const float z = key.depth_m(i * kDrawStep, j * kDrawStep);
+        const float z_end = SampleDepthInLayer(other.depth_m, x + end.u, y + end.v, noise_);
+        const bool same = z > 0 && z_end > 0 && std::abs(z_end - z) < kSameSurface * std::min(z, z_end);
+        depth(i, j) = same ? z + tau * (z_end - z) : z;
       }
-    const DrawnSurface drawn = DrawSurface(position, depth, {});
+    const DrawnSurface drawn = DrawSurface(position, depth, width, height, {.step = kDrawStep});
     Image<Flow2> motion(width, height);
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x)

@@ -16,9 +16,9 @@ namespace depthtween {
 
 struct PipelineOptions {
   // Sweeps of propagation between neighbouring pixels where the match is uncertain. >= 0.
-  int sweeps = 3;
+  int sweeps = 2;
   // Radius of the weighted median along colour near depth jumps, pixels. 0 switches it off.
-  int median_radius = 5;
+  int median_radius = 4;
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
 

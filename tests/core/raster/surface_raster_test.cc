@@ -17,7 +17,7 @@ TEST(DrawSurface, StandingStillIsTheIdentity) {
   Image<float> depth(16, 12);
   for (int y = 0; y < 12; ++y)
     for (int x = 0; x < 16; ++x) depth(x, y) = 1.0F / (0.5F + 0.002F * static_cast<float>(x));
-  const DrawnSurface drawn = DrawSurface(Standing(16, 12), depth, {});
+  const DrawnSurface drawn = DrawSurface(Standing(16, 12), depth, 16, 12, {});
   for (int y = 0; y < 12; ++y)
     for (int x = 0; x < 16; ++x) {
       EXPECT_NEAR(drawn.depth_m(x, y), depth(x, y), 1e-5F);
@@ -32,10 +32,25 @@ TEST(DrawSurface, MovesByFractionsOfAPixel) {
   Image<float> depth(16, 8);
   for (int y = 0; y < 8; ++y)
     for (int x = 0; x < 16; ++x) depth(x, y) = 1.0F / (0.5F + 0.01F * static_cast<float>(x));
-  const DrawnSurface drawn = DrawSurface(Standing(16, 8, 2.5F), depth, {});
+  const DrawnSurface drawn = DrawSurface(Standing(16, 8, 2.5F), depth, 16, 8, {});
   EXPECT_EQ(drawn.depth_m(2, 4), 0.0F);
   EXPECT_NEAR(1.0F / drawn.depth_m(8, 4), 0.5F + 0.01F * 5.5F, 1e-5F);
   EXPECT_NEAR(drawn.source(8, 4).u, 5.5F, 1e-4F);
+}
+
+// With a vertex at every second pixel a plane is the same plane.
+TEST(DrawSurface, NeedsFewVerticesForAPlane) {
+  Image<Flow2> positions(8, 4);
+  Image<float> depth(8, 4);
+  for (int j = 0; j < 4; ++j)
+    for (int i = 0; i < 8; ++i) {
+      positions(i, j) = {2.0F * static_cast<float>(i) + 1, 2.0F * static_cast<float>(j)};
+      depth(i, j) = 1.0F / (0.5F + 0.01F * static_cast<float>(2 * i));
+    }
+  const DrawnSurface drawn = DrawSurface(positions, depth, 16, 8, {.step = 2});
+  EXPECT_NEAR(1.0F / drawn.depth_m(6, 3), 0.5F + 0.01F * 5, 1e-5F);
+  EXPECT_NEAR(drawn.source(6, 3).u, 5, 1e-4F);
+  EXPECT_NEAR(drawn.source(6, 3).v, 3, 1e-4F);
 }
 
 // A near patch slides over a far wall: the near one is seen, and no triangle joins the two.
@@ -44,7 +59,7 @@ TEST(DrawSurface, NearestWinsAndCutsStayOpen) {
   Image<Flow2> positions = Standing(20, 10);
   for (int y = 0; y < 10; ++y)
     for (int x = 5; x < 10; ++x) depth(x, y) = 1.0F, positions(x, y).u += 4;
-  const DrawnSurface drawn = DrawSurface(positions, depth, {});
+  const DrawnSurface drawn = DrawSurface(positions, depth, 20, 10, {});
   for (int y = 0; y < 10; ++y) {
     for (int x = 9; x < 14; ++x) EXPECT_EQ(drawn.depth_m(x, y), 1.0F) << x;
     for (int x = 5; x < 9; ++x) EXPECT_EQ(drawn.depth_m(x, y), 0.0F) << x;  // disoccluded: nobody saw what is there
@@ -62,7 +77,7 @@ TEST(DrawSurface, DrawsNothingTurnedOverOrTorn) {
       stretched(x, y) = {3.0F * static_cast<float>(x), 3.0F * static_cast<float>(y)};
     }
   for (const auto* positions : {&mirrored, &stretched}) {
-    const DrawnSurface drawn = DrawSurface(*positions, depth, {});
+    const DrawnSurface drawn = DrawSurface(*positions, depth, 10, 10, {});
     for (size_t i = 0; i < 100; ++i) EXPECT_EQ(drawn.depth_m.data()[i], 0.0F);
   }
 }
