@@ -179,8 +179,8 @@ class IntervalRun {
     const int count = window_.size();
     const DenseFlowOptions far{.finest_scale = options_.flow_finest_scale,
                                .patch_stride = 5,
-                               .descent_iterations = 12,
-                               .refinement_iterations = 2};
+                               .descent_iterations = 8,
+                               .refinement_iterations = 1};
     const DenseFlowOptions near{.finest_scale = std::max(1, options_.flow_finest_scale)};
     for (int side = 0; side < 2; ++side) composed_[side].resize(count), refined_[side].resize(count);
     RETURN_IF_ERROR(SideBySide(2, [&](int side) {
