@@ -83,14 +83,14 @@ step "The server stops"
 stop_server
 echo "stopped; what it stored is deleted"
 
-step "Ours beside the baselines, against the exact truth"
-"$BIN/depthtween-core" evaluate "$OUTPUT/result" --reference "$OUTPUT/recording" --baselines hold,linear,flow-warp |
-  tee "$OUTPUT/table.txt"
-
 step "Pictures"
 for preview in preview.png preview.mp4; do
   "$BIN/depthtween-core" preview "$OUTPUT/result" --sequence "$OUTPUT/recording" -o "$OUTPUT/$preview"
 done
+
+step "Ours beside the baselines, against the exact truth"
+"$BIN/depthtween-core" evaluate "$OUTPUT/result" --reference "$OUTPUT/recording" --baselines hold,linear,flow-warp |
+  tee "$OUTPUT/table.txt"
 
 cat <<END
 

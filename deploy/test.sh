@@ -17,9 +17,9 @@ source "$(dirname "${BASH_SOURCE[0]}")/steps.sh" || exit
 readonly ALL_STEPS=(style suite asan tsan fuzz)
 readonly LOGS=build/test-logs
 
-# run_tests STEP PRESET: the log keeps what the summary quotes. A hung test is ended by its own time limit.
+# run_tests STEP PRESET [WHICH]: the log keeps what the summary quotes. A hung test is ended by its own time limit.
 run_tests() {
-  "${WITHOUT_ASLR[@]}" ctest --preset "$2" --parallel "$(nproc)" --no-tests=error --output-log "$LOGS/$1.log"
+  "${WITHOUT_ASLR[@]}" ctest --preset "$2" --parallel "$(nproc)" --no-tests=error --output-log "$LOGS/$1.log" "${@:3}"
 }
 WITHOUT_ASLR=()
 
