@@ -1,0 +1,161 @@
+#include "core/render/hidden_background.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+#include "core/base/parallel.h"
+#include "core/render/pull_push.h"
+
+namespace depthtween {
+namespace {
+
+constexpr std::array<std::array<int, 2>, 8> kAround = {
+    {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}}};
+
+struct Pixel {
+  int x, y;
+};
+
+// Where to look and for what: the outcome of following every edge's background under its foreground.
+struct Search {
+  Image<float> inverse_depth;         // of the view; 0 = unknown
+  Image<float> behind_inverse_depth;  // of the layer looked for; 0 = nothing
+  Image<uint8_t> guard;               // background that may carry foreground colour
+  std::vector<Pixel> pixels;          // where behind_inverse_depth > 0
+};
+
+Image<float> InverseDepth(ImageView<const float> depth_m, int threads) {
+  Image<float> inverse(depth_m.width(), depth_m.height());
+  ParallelRows(depth_m.height(), threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < depth_m.width(); ++x) inverse(x, y) = depth_m(x, y) > 0 ? 1.0F / depth_m(x, y) : 0.0F;
+  });
+  return inverse;
+}
+
+// Farthest and nearest known inverse depth of the 3 x 3 pixels around each pixel of a row.
+void RangeAround(const Image<float>& inverse, int y, std::vector<float>& farthest, std::vector<float>& nearest) {
+  const int width = inverse.width();
+  const float* rows[3] = {inverse.row(std::max(0, y - 1)), inverse.row(y),
+                          inverse.row(std::min(inverse.height() - 1, y + 1))};
+  constexpr float kUnknown = 1e30F;
+  std::vector<float> low(width + 2, kUnknown), high(width + 2, 0.0F);
+  for (const float* row : rows)
+    for (int x = 0; x < width; ++x) {
+      low[x + 1] = std::min(low[x + 1], row[x] > 0 ? row[x] : kUnknown);
+      high[x + 1] = std::max(high[x + 1], row[x]);
+    }
+  for (int x = 0; x < width; ++x) {
+    farthest[x] = std::min({low[x], low[x + 1], low[x + 2]});
+    nearest[x] = std::max({high[x], high[x + 1], high[x + 2]});
+  }
+}
+
+// Marks both sides of every depth edge.
+void FindEdges(float layer_gap, int threads, Search& search) {
+  const int width = search.inverse_depth.width(), height = search.inverse_depth.height();
+  ParallelRows(height, threads, [&](int begin, int end) {
+    std::vector<float> farthest(width), nearest(width);
+    for (int y = begin; y < end; ++y) {
+      RangeAround(search.inverse_depth, y, farthest, nearest);
+      for (int x = 0; x < width; ++x) {
+        const float own = search.inverse_depth(x, y);
+        if (farthest[x] < own * (1 - layer_gap)) search.behind_inverse_depth(x, y) = farthest[x];
+        search.guard(x, y) = own > 0 && own < nearest[x] * (1 - layer_gap);
+      }
+    }
+  });
+}
+
+// Grows a front from `front` ring by ring, alternating 4 and 8 neighbours so that rings stay round. `step` says whether
+// to take a neighbour, and marks it.
+template <typename Step>
+void Grow(std::vector<Pixel> front, int rings, int width, int height, const Step& step) {
+  std::vector<Pixel> next;
+  for (int ring = 0; ring < rings && !front.empty(); ++ring) {
+    next.clear();
+    for (const Pixel from : front)
+      for (int k = 0; k < (ring % 2 == 0 ? 4 : 8); ++k) {
+        const Pixel to = {from.x + kAround[k][0], from.y + kAround[k][1]};
+        if (to.x < 0 || to.y < 0 || to.x >= width || to.y >= height) continue;
+        if (step(from, to)) next.push_back(to);
+      }
+    front.swap(next);
+  }
+}
+
+Search FollowBackground(const RenderView& view, const HiddenBackgroundOptions& options, int threads) {
+  const int width = view.depth_m.width(), height = view.depth_m.height();
+  const float behind = 1 - options.layer_gap;
+  Search search{InverseDepth(view.depth_m, threads), Image<float>(width, height), Image<uint8_t>(width, height), {}};
+  FindEdges(options.layer_gap, threads, search);
+  const Image<float>& inverse = search.inverse_depth;
+  std::vector<Pixel> foreground, guarded;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      if (search.behind_inverse_depth(x, y) > 0) foreground.push_back({x, y});
+      if (search.guard(x, y) != 0) guarded.push_back({x, y});
+    }
+  search.pixels = foreground;
+  Grow(std::move(foreground), options.reach_px - 1, width, height, [&](Pixel from, Pixel to) {
+    const float layer = search.behind_inverse_depth(from.x, from.y);
+    float& there = search.behind_inverse_depth(to.x, to.y);
+    if (there > 0 || layer >= inverse(to.x, to.y) * behind) return false;
+    there = layer;
+    search.pixels.push_back(to);
+    return true;
+  });
+  if (options.guard_px == 0) search.guard.Fill(0), guarded.clear();
+  std::vector<Pixel> all_guarded = guarded;
+  Grow(std::move(guarded), options.guard_px - 1, width, height, [&](Pixel from, Pixel to) {
+    const float a = inverse(from.x, from.y), b = inverse(to.x, to.y);
+    if (search.guard(to.x, to.y) != 0 || a < b * behind || b < a * behind) return false;
+    search.guard(to.x, to.y) = 1;
+    all_guarded.push_back(to);
+    return true;
+  });
+  // A pixel may be background of one edge and foreground of another; then what lies behind it matters more.
+  for (const Pixel p : all_guarded)
+    if (search.behind_inverse_depth(p.x, p.y) == 0) {
+      search.behind_inverse_depth(p.x, p.y) = inverse(p.x, p.y);
+      search.pixels.push_back(p);
+    }
+  return search;
+}
+
+}  // namespace
+
+absl::Status HiddenBackgroundOptions::Validate() const {
+  if (reach_px < 1 || reach_px > 256)
+    return absl::InvalidArgumentError(absl::StrFormat("reach_px = %d, must be in 1..256", reach_px));
+  if (guard_px < 0 || guard_px > 8)
+    return absl::InvalidArgumentError(absl::StrFormat("guard_px = %d, must be in 0..8", guard_px));
+  if (!(layer_gap > 0 && layer_gap <= 0.5F))
+    return absl::InvalidArgumentError(absl::StrFormat("layer_gap = %g, must be in (0, 0.5]", layer_gap));
+  return absl::OkStatus();
+}
+
+HiddenBackground FindHiddenBackground(const RenderView& view, const std::vector<NeighborFrame>& neighbors,
+                                      const HiddenBackgroundOptions& options, int threads) {
+  const int width = view.depth_m.width(), height = view.depth_m.height();
+  const Search search = FollowBackground(view, options, threads);
+  HiddenBackground out{Image<Rgb8>(width, height), Image<float>(width, height), Image<uint8_t>(width, height)};
+  const LayerPyramid pyramid(view.color, search.inverse_depth, search.guard, options.layer_gap, threads);
+  constexpr int kChunk = 2048;
+  const int count = static_cast<int>(search.pixels.size());
+  ParallelFor((count + kChunk - 1) / kChunk, threads, [&](int chunk) {
+    for (int i = chunk * kChunk; i < std::min(count, (chunk + 1) * kChunk); ++i) {
+      const auto [x, y] = search.pixels[i];
+      const LayerSample sample = pyramid.Infer(x, y, search.behind_inverse_depth(x, y));
+      if (sample.inverse_depth <= 0) continue;
+      out.color(x, y) = sample.Color();
+      out.depth_m(x, y) = 1.0F / sample.inverse_depth;
+      out.source(x, y) = kHiddenInferred;
+    }
+  });
+  return out;
+}
+
+}  // namespace depthtween
