@@ -137,7 +137,9 @@ absl::Status WriteVideo(const Clip& clip, const PreviewArguments& arguments, std
     const Image<Rgb8> picture = DrawVideoFrame(frame, timeline, clip.range);
     if (!video) {
       ASSIGN_OR_RETURN(video,
-                       VideoWriter::Create(arguments.file, picture.width(), picture.height(), kVideoFramesPerSecond));
+                       VideoWriter::Create(arguments.file, {.width = picture.width(),
+                                                            .height = picture.height(),
+                                                            .frame_rate = {.numerator = kVideoFramesPerSecond}}));
     }
     RETURN_IF_ERROR(video->Write(picture));
   }
