@@ -1,0 +1,346 @@
+// What a made eye is worth, beside what practitioners do, and what it costs.
+//
+//   stereo_bench views DATA [IMAGES]   Middlebury pairs: a view made from another one and its disparity, against the
+//                                      photograph; writes the pictures to the folder IMAGES.
+//   stereo_bench temporal [IMAGES]     A scene of the library whose second view is rendered too: hidden background from
+//                                      other frames against inferred background.
+//   stereo_bench speed [ROUNDS]        848 x 480, 2 threads: one stereo frame beside cv::remap and cv::inpaint.
+//
+// Pixels of a made view, defined by the source's disparity alone (unknown disparity takes the farther neighbour of its
+// row): each row is carried over, nearest surface first, a surface being neighbours that differ by at most 1 px. What
+// nothing reaches is a hole; holes that touch the image's border lie outside the source's view and are left out of
+// every number. "All" is the rest; "holes" are its holes; the "edge band" lies within 4 px of a hole or of a jump of
+// more than 1 px in the carried disparity.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+#include <limits>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/flow/dense_flow.h"
+#include "core/io/color.h"
+#include "core/io/file.h"
+#include "core/io/png.h"
+#include "core/metrics/color_errors.h"
+#include "core/render/hidden_background.h"
+#include "core/render/stereo.h"
+#include "core/synthetic/render.h"
+#include "core/synthetic/scene.h"
+#include "opencv2/core.hpp"
+#include "opencv2/imgproc.hpp"
+#include "opencv2/photo.hpp"
+
+namespace depthtween {
+namespace {
+
+constexpr float kJumpPx = 1.0F;
+constexpr int kBandPx = 4;
+
+// A source view, how far each of its pixels moves to the left in the view to be made, and that view's photograph.
+struct Pair {
+  std::string name;
+  Image<Rgb8> source, truth;
+  Image<float> disparity_px;  // > 0, complete
+  StereoGeometry geometry;    // with which `offset` baselines to the right give that disparity
+  double offset = 1.0;
+  Image<float> depth_m;
+};
+
+// Unknown (0) disparity takes the farther known neighbour of its row, in a row without any the farthest of the image.
+void CompleteRows(Image<float>& disparity) {
+  float farthest = std::numeric_limits<float>::max();
+  for (size_t i = 0; i < disparity.pixel_count(); ++i)
+    if (disparity.data()[i] > 0) farthest = std::min(farthest, disparity.data()[i]);
+  for (int y = 0; y < disparity.height(); ++y)
+    for (int x = 0; x < disparity.width(); ++x) {
+      if (disparity(x, y) > 0) continue;
+      int end = x;
+      while (end < disparity.width() && disparity(end, y) <= 0) ++end;
+      const float left = x > 0 ? disparity(x - 1, y) : 0, right = end < disparity.width() ? disparity(end, y) : 0;
+      const float known = left > 0 && right > 0 ? std::min(left, right) : std::max(left, right);
+      for (; x < end; ++x) disparity(x, y) = known > 0 ? known : farthest;
+    }
+}
+
+// ---- Which pixels count
+
+struct Masks {
+  Image<uint8_t> all, holes, band;
+};
+
+// The disparity of each target pixel, 0 where no surface arrives.
+Image<float> CarryOver(const Image<float>& disparity) {
+  const int width = disparity.width();
+  Image<float> carried(width, disparity.height());
+  for (int y = 0; y < disparity.height(); ++y)
+    for (int x = 0; x < width; ++x) {
+      const float d = disparity(x, y);
+      const float next = x + 1 < width && std::abs(disparity(x + 1, y) - d) <= kJumpPx ? disparity(x + 1, y) : d - 0.5F;
+      const int first = static_cast<int>(std::lround(static_cast<float>(x) - d));
+      const int last = std::max(first, static_cast<int>(std::ceil(static_cast<float>(x + 1) - next)) - 1);
+      for (int t = std::max(0, first); t <= std::min(width - 1, last); ++t) carried(t, y) = std::max(carried(t, y), d);
+    }
+  return carried;
+}
+
+Masks MakeMasks(const Image<float>& disparity) {
+  const int width = disparity.width(), height = disparity.height();
+  const Image<float> carried = CarryOver(disparity);
+  Masks masks{Image<uint8_t>(width, height, 1), Image<uint8_t>(width, height), Image<uint8_t>(width, height)};
+  for (int y = 0; y < height; ++y) {
+    for (int t = 0; t < width && carried(t, y) == 0; ++t) masks.all(t, y) = 0;
+    for (int t = width - 1; t >= 0 && carried(t, y) == 0; --t) masks.all(t, y) = 0;
+  }
+  for (int y = 0; y < height; ++y)
+    for (int t = 0; t < width; ++t) {
+      if (masks.all(t, y) == 0) continue;
+      masks.holes(t, y) = carried(t, y) == 0;
+      bool jump = masks.holes(t, y) != 0;
+      for (const auto& [dx, dy] : {std::pair{1, 0}, std::pair{0, 1}})
+        if (carried.Contains(t + dx, y + dy) && carried(t + dx, y + dy) > 0)
+          jump |= std::abs(carried(t + dx, y + dy) - carried(t, y)) > kJumpPx;
+      if (!jump) continue;
+      for (int ny = std::max(0, y - kBandPx); ny <= std::min(height - 1, y + kBandPx); ++ny)
+        for (int nx = std::max(0, t - kBandPx); nx <= std::min(width - 1, t + kBandPx); ++nx)
+          masks.band(nx, ny) = masks.all(nx, ny);
+    }
+  return masks;
+}
+
+// ---- The baselines
+
+cv::Mat AsMat(const Image<Rgb8>& image) {
+  return {image.height(), image.width(), CV_8UC3, const_cast<Rgb8*>(image.data())};
+}
+Image<Rgb8> FromMat(const cv::Mat& mat) {
+  Image<Rgb8> image(mat.cols, mat.rows);
+  mat.copyTo(AsMat(image));
+  return image;
+}
+
+// Pixels rounded to their new places, the nearest wins.
+struct Splat {
+  Image<Rgb8> color;
+  Image<float> disparity_px;  // 0 = hole
+};
+Splat ForwardWarp(const Pair& pair) {
+  const int width = pair.source.width(), height = pair.source.height();
+  Splat splat{Image<Rgb8>(width, height), Image<float>(width, height)};
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const float d = pair.disparity_px(x, y);
+      const int t = static_cast<int>(std::lround(static_cast<float>(x) - d));
+      if (t < 0 || t >= width || d <= splat.disparity_px(t, y)) continue;
+      splat.disparity_px(t, y) = d;
+      splat.color(t, y) = pair.source(x, y);
+    }
+  return splat;
+}
+
+Image<Rgb8> ForwardWarpRowFill(const Pair& pair) {
+  Splat splat = ForwardWarp(pair);
+  const int width = pair.source.width();
+  for (int y = 0; y < pair.source.height(); ++y)
+    for (int t = 0; t < width; ++t) {
+      if (splat.disparity_px(t, y) > 0) continue;
+      int end = t;
+      while (end < width && splat.disparity_px(end, y) == 0) ++end;
+      const bool from_left = t > 0 && (end == width || splat.disparity_px(t - 1, y) <= splat.disparity_px(end, y));
+      const Rgb8 fill = from_left ? splat.color(t - 1, y) : splat.color(std::min(end, width - 1), y);
+      for (; t < end; ++t) splat.color(t, y) = fill;
+    }
+  return std::move(splat.color);
+}
+
+Image<Rgb8> BackwardWarp(const Pair& pair) {
+  const int width = pair.source.width(), height = pair.source.height();
+  cv::Mat map_x(height, width, CV_32F), map_y(height, width, CV_32F), out;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      map_x.at<float>(y, x) = static_cast<float>(x) + pair.disparity_px(x, y);
+      map_y.at<float>(y, x) = static_cast<float>(y);
+    }
+  cv::remap(AsMat(pair.source), out, map_x, map_y, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  return FromMat(out);
+}
+
+Image<Rgb8> ForwardWarpInpaint(const Pair& pair, int method) {
+  const Splat splat = ForwardWarp(pair);
+  cv::Mat holes(splat.color.height(), splat.color.width(), CV_8U), out;
+  for (int y = 0; y < holes.rows; ++y)
+    for (int x = 0; x < holes.cols; ++x) holes.at<uint8_t>(y, x) = splat.disparity_px(x, y) == 0;
+  cv::inpaint(AsMat(splat.color), holes, out, 3.0, method);
+  return FromMat(out);
+}
+
+Image<Rgb8> Ours(const Pair& pair) {
+  const RenderView view{pair.source, pair.depth_m};
+  const HiddenBackground hidden = FindHiddenBackground(view, {}, pair.geometry.background, 2);
+  return RenderEye(view, hidden, pair.geometry, pair.offset, 2);
+}
+
+const std::vector<std::pair<std::string, std::function<Image<Rgb8>(const Pair&)>>> kMethods = {
+    {"ours", Ours},
+    {"forward warp, row fill", ForwardWarpRowFill},
+    {"backward warp", BackwardWarp},
+    {"inpaint Telea", [](const Pair& pair) { return ForwardWarpInpaint(pair, cv::INPAINT_TELEA); }},
+    {"inpaint Navier-Stokes", [](const Pair& pair) { return ForwardWarpInpaint(pair, cv::INPAINT_NS); }},
+};
+
+// ---- The pairs
+
+// `to_px` turns stored values into pixels of movement; f_px, baseline and the disparity of the convergence plane (all
+// zero for sets without them) give the depth.
+absl::StatusOr<Pair> MakePair(std::string name, const std::string& source, const std::string& truth,
+                              Image<float> disparity, double focal_px, double baseline_m, double convergence_px,
+                              double offset) {
+  Pair pair;
+  pair.name = std::move(name);
+  ASSIGN_OR_RETURN(pair.source, ReadColor(source));
+  ASSIGN_OR_RETURN(pair.truth, ReadColor(truth));
+  CompleteRows(disparity);
+  const int width = disparity.width(), height = disparity.height();
+  pair.depth_m = Image<float>(width, height);
+  std::vector<double> depths;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const double z = focal_px * baseline_m / (disparity(x, y) / offset + convergence_px);
+      pair.depth_m(x, y) = static_cast<float>(z);
+      depths.push_back(z);
+    }
+  pair.disparity_px = std::move(disparity);
+  std::sort(depths.begin(), depths.end());
+  Camera camera;
+  camera.width = width, camera.height = height, camera.fx = camera.fy = focal_px;
+  StereoOptions options;
+  options.baseline_m = baseline_m;
+  options.convergence_m =
+      convergence_px > 0 ? focal_px * baseline_m / convergence_px : std::numeric_limits<double>::infinity();
+  ASSIGN_OR_RETURN(pair.geometry, ResolveStereo(camera, options,
+                                                {.near_m = depths[depths.size() / 100],
+                                                 .far_m = depths[depths.size() * 99 / 100],
+                                                 .median_m = depths[depths.size() / 2]}));
+  pair.offset = offset;
+  return pair;
+}
+
+absl::StatusOr<Image<float>> ReadDisparity(const std::string& path, double to_px) {
+  ASSIGN_OR_RETURN(const Image<Rgb8> stored, ReadColor(path));
+  Image<float> disparity(stored.width(), stored.height());
+  for (int y = 0; y < stored.height(); ++y)
+    for (int x = 0; x < stored.width(); ++x) disparity(x, y) = static_cast<float>(stored(x, y).r * to_px);
+  return disparity;
+}
+
+// Geometry as EVALUATION.md states it: third size, f = 3740 / 3 px, 160 mm from view 1 to view 5, stored disparity in
+// full-size pixels less dmin; the crop makes the movement stored / 3.
+absl::StatusOr<Pair> Middlebury2005(const std::string& data, const std::string& name) {
+  const std::string dir = JoinPath(JoinPath(data, "multiview"), name);
+  ASSIGN_OR_RETURN(const std::string dmin, ReadFile(JoinPath(dir, "dmin.txt")));
+  ASSIGN_OR_RETURN(Image<float> disparity, ReadDisparity(JoinPath(dir, "disp1.png"), 1.0 / 3));
+  return MakePair(absl::StrCat(name, ": 5 from 1"), JoinPath(dir, "view1.png"), JoinPath(dir, "view5.png"),
+                  std::move(disparity), 3740.0 / 3, 0.16, std::atof(dmin.c_str()) / 3, 1.0);
+}
+
+// Views 2, 4, 6 in line; stored disparity is four times that from 2 to 6. Neither f nor B is known: any will do.
+absl::StatusOr<Pair> Cones(const std::string& data) {
+  const std::string dir = JoinPath(data, "multiview/cones");
+  ASSIGN_OR_RETURN(Image<float> disparity, ReadDisparity(JoinPath(dir, "disp2.png"), 0.25 / 2));
+  return MakePair("cones: 4 from 2", JoinPath(dir, "im2.png"), JoinPath(dir, "im4.png"), std::move(disparity), 450.0,
+                  0.1, 0.0, 0.5);
+}
+
+// Views 1 to 5 in line; stored is 16 times the disparity between neighbours, seen from view 3. The outer view's own is
+// carried over from there, two neighbours to the left; what view 3 does not see takes the farther side.
+absl::StatusOr<Pair> Tsukuba(const std::string& data, int target) {
+  const std::string dir = JoinPath(data, "multiview/tsukuba");
+  ASSIGN_OR_RETURN(const Image<float> middle, ReadDisparity(JoinPath(dir, "disp_view3_x16.png"), 1.0 / 16));
+  Image<float> outer(middle.width(), middle.height());
+  for (int y = 0; y < middle.height(); ++y)
+    for (int x = 0; x < middle.width(); ++x) {
+      const float d = middle(x, y);
+      const int to = x + static_cast<int>(std::lround(2 * d));
+      if (d > 0 && to < middle.width()) outer(to, y) = std::max(outer(to, y), d);
+    }
+  const int steps = target - 1;
+  for (int y = 0; y < outer.height(); ++y)
+    for (int x = 0; x < outer.width(); ++x) outer(x, y) *= static_cast<float>(steps);
+  return MakePair(absl::StrFormat("tsukuba: %d from 1", target), JoinPath(dir, "tsukuba1.png"),
+                  JoinPath(dir, absl::StrFormat("tsukuba%d.png", target)), std::move(outer), 384.0, 0.1, 0.0,
+                  0.25 * steps);
+}
+
+struct RegionErrors {
+  ColorErrors all, holes, band;
+  void Add(const Image<Rgb8>& image, const Image<Rgb8>& truth, const Masks& masks) {
+    all.Add(image, truth, masks.all);
+    holes.Add(image, truth, masks.holes);
+    band.Add(image, truth, masks.band);
+  }
+};
+
+std::string Row(const std::string& first, const std::string& second, const RegionErrors& errors) {
+  return absl::StrFormat("| %s | %s | %.2f / %.4f | %.2f / %.4f | %.2f / %.4f |\n", first, second, errors.all.PsnrDb(),
+                         errors.all.Ssim(), errors.holes.PsnrDb(), errors.holes.Ssim(), errors.band.PsnrDb(),
+                         errors.band.Ssim());
+}
+
+absl::Status WriteImage(const std::string& folder, std::string name, const Image<Rgb8>& image) {
+  if (folder.empty()) return absl::OkStatus();
+  std::replace_if(
+      name.begin(), name.end(), [](char c) { return c == ' ' || c == ':' || c == ','; }, '_');
+  RETURN_IF_ERROR(MakeFolder(folder));
+  return WritePngRgb8(JoinPath(folder, name + ".png"), image);
+}
+
+absl::Status Views(const std::string& data, const std::string& images) {
+  std::vector<Pair> pairs;
+  for (const char* name : {"art", "books", "dolls"}) {
+    ASSIGN_OR_RETURN(pairs.emplace_back(), Middlebury2005(data, name));
+  }
+  ASSIGN_OR_RETURN(pairs.emplace_back(), Cones(data));
+  for (const int target : {2, 3}) {
+    ASSIGN_OR_RETURN(pairs.emplace_back(), Tsukuba(data, target));
+  }
+  std::printf(
+      "PSNR dB / SSIM of the made view\n\n| view | method | all | holes | edge band |\n|---|---|---|---|---|\n");
+  std::map<std::string, RegionErrors> three;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    const Pair& pair = pairs[i];
+    const Masks masks = MakeMasks(pair.disparity_px);
+    RETURN_IF_ERROR(WriteImage(images, pair.name + " truth", pair.truth));
+    for (const auto& [method, make] : kMethods) {
+      const Image<Rgb8> image = make(pair);
+      RegionErrors errors;
+      errors.Add(image, pair.truth, masks);
+      if (i < 3) three[method].Add(image, pair.truth, masks);
+      std::printf("%s", Row(pair.name, method, errors).c_str());
+      RETURN_IF_ERROR(WriteImage(images, pair.name + " " + method, image));
+    }
+  }
+  for (const auto& [method, make] : kMethods)
+    std::printf("%s", Row("art, books, dolls", method, three[method]).c_str());
+  return absl::OkStatus();
+}
+
+absl::Status Run(int argc, char** argv) {
+  const std::string what = argc > 1 ? argv[1] : "", first = argc > 2 ? argv[2] : "", second = argc > 3 ? argv[3] : "";
+  if (what == "views" && !first.empty()) return Views(first, second);
+  return absl::InvalidArgumentError("usage: stereo_bench views DATA [IMAGES] | temporal [IMAGES] | speed [ROUNDS]");
+}
+
+}  // namespace
+}  // namespace depthtween
+
+int main(int argc, char** argv) {
+  const absl::Status status = depthtween::Run(argc, argv);
+  if (!status.ok()) std::fprintf(stderr, "%s\n", status.ToString().c_str());
+  return status.ok() ? 0 : 1;
+}
