@@ -134,6 +134,15 @@ LinearRgb FromSrgb(uint32_t hex) {
   return {linear(hex >> 16), linear(hex >> 8), linear(hex)};
 }
 
+Rgb8 ToSrgb(const LinearRgb& color) {
+  const auto encode = [](float linear) {
+    const float c = std::clamp(linear, 0.0F, 1.0F);
+    const float encoded = c <= 0.0031308F ? 12.92F * c : 1.055F * std::pow(c, 1.0F / 2.4F) - 0.055F;
+    return static_cast<uint8_t>(std::lround(255.0F * encoded));
+  };
+  return {encode(color[0]), encode(color[1]), encode(color[2])};
+}
+
 LinearRgb Albedo(const Paint& p, const Vec3& material, const Vec2& surface, double footprint_m) {
   const float footprint = std::max(static_cast<float>(footprint_m), 1e-5F);
   const float size = p.pattern_size_m;

@@ -10,6 +10,7 @@
 
 #include <Eigen/Core>
 
+#include "core/base/image.h"
 #include "core/geometry/camera.h"
 
 namespace depthtween {
@@ -19,6 +20,8 @@ using LinearRgb = Eigen::Array3f;
 
 // From 0xRRGGBB as designers write it.
 LinearRgb FromSrgb(uint32_t hex);
+// To the nearest 8-bit code; what is brighter than white is white.
+Rgb8 ToSrgb(const LinearRgb& color);
 
 enum class Pattern {
   kPlain,    // noise alone

@@ -18,14 +18,6 @@ constexpr double kShadowEnd = 1 - 1e-3;
 // Neighbouring samples whose depths differ by more than this share belong to different surfaces.
 constexpr float kDepthStep = 0.03F;
 
-uint8_t ToSrgb(float linear) {
-  const float c = std::clamp(linear, 0.0F, 1.0F);
-  const float encoded = c <= 0.0031308F ? 12.92F * c : 1.055F * std::pow(c, 1.0F / 2.4F) - 0.055F;
-  return static_cast<uint8_t>(std::lround(255.0F * encoded));
-}
-
-Rgb8 ToRgb8(const LinearRgb& c) { return {ToSrgb(c[0]), ToSrgb(c[1]), ToSrgb(c[2])}; }
-
 // Rays from one point within an angle of a unit axis.
 class Cone {
  public:
@@ -190,12 +182,30 @@ Renderer::Sample Renderer::Shade(const Vec2& pixel, const std::vector<LampSector
   return sample;
 }
 
-Image<Rgb8> Renderer::Color(int threads, int edge_samples) const {
-  const int width = camera_.width, height = camera_.height;
-  Image<Rgb8> out(width, height);
+std::vector<LampSectors> Renderer::Lamps() const {
   std::vector<LampSectors> lamps;
   lamps.reserve(scene_.lamps().size());
   for (const Scene::Lamp& lamp : scene_.lamps()) lamps.emplace_back(lamp, snapshot_);
+  return lamps;
+}
+
+Image<Float3> Renderer::Light(int threads) const {
+  Image<Float3> out(camera_.width, camera_.height);
+  const std::vector<LampSectors> lamps = Lamps();
+  ParallelRows(camera_.height, threads, [&](int first, int last) {
+    for (int y = first; y < last; ++y)
+      for (int x = 0; x < camera_.width; ++x) {
+        const LinearRgb color = Shade(Vec2(x, y), lamps).color.min(1.0F);
+        out(x, y) = {color[0], color[1], color[2]};
+      }
+  });
+  return out;
+}
+
+Image<Rgb8> Renderer::Color(int threads, int edge_samples) const {
+  const int width = camera_.width, height = camera_.height;
+  Image<Rgb8> out(width, height);
+  const std::vector<LampSectors> lamps = Lamps();
   std::vector<Sample> samples(out.pixel_count());
   ParallelRows(height, threads, [&](int first, int last) {
     for (int y = first; y < last; ++y)
@@ -221,7 +231,7 @@ Image<Rgb8> Renderer::Color(int threads, int edge_samples) const {
                            .color.min(1.0F);
           color /= static_cast<float>(edge_samples * edge_samples);
         }
-        out(x, y) = ToRgb8(color);
+        out(x, y) = ToSrgb(color);
       }
   });
   return out;

@@ -47,6 +47,8 @@ class Renderer {
   // 8-bit sRGB without sensor noise. Pixels on edges of surfaces or shadows are averaged over a grid of
   // `edge_samples` x `edge_samples` rays (>= 1); inside surfaces the paint itself is band-limited.
   Image<Rgb8> Color(int threads, int edge_samples = 3) const;
+  // Linear light along the one ray through each pixel's centre, no brighter than white: for those who average many.
+  Image<Float3> Light(int threads) const;
   SurfaceTruth Surface(int threads) const;
   MotionTruth MotionTo(const Renderer& other, int threads) const;
 
@@ -67,6 +69,7 @@ class Renderer {
   // With unit z in the camera's frame, so that a hit's s is its depth.
   Hit HitAt(const Vec2& pixel) const;
   LinearRgb AlbedoAt(const Hit& hit, double cosine) const;
+  std::vector<LampSectors> Lamps() const;
   Sample Shade(const Vec2& pixel, const std::vector<LampSectors>& lamps) const;
 
   const Scene& scene_;
