@@ -1,5 +1,7 @@
 #include "core/tools/upsample_run.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <chrono>
 #include <deque>
@@ -233,6 +235,8 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
     report.seconds = SecondsSince(start);
     RETURN_IF_ERROR(observer.OnIntervalDone(report));
     reports.push_back(std::move(report));
+    // Fragments of one interval must not become the floor of the next: memory is that of an interval, not of a clip.
+    malloc_trim(0);
   }
   return reports;
 }

@@ -253,10 +253,14 @@ class IntervalRun {
   }
 
   absl::Status ChooseAndFuse() {
+    if (!context_.want_motion) forward_.clear(), backward_.clear();
     results_.resize(interval_.frame_count);
     const int inner = std::max(1, context_.threads / std::max(1, interval_.frame_count));
     return SideBySide(interval_.frame_count, [&](int i) {
       results_[i] = ResultOf(i, inner);
+      // Nothing else looks at these again; a long interval holds many.
+      for (auto* motions : {composed_, refined_, drawn_})
+        for (int side = 0; side < 2; ++side) motions[side][FrameInWindow(i)] = {};
       return absl::OkStatus();
     });
   }
@@ -283,6 +287,10 @@ class IntervalRun {
     MarkMeasured(frame, fused.provenance);
     result.sigma_m = PredictSigma(result.depth_m, fused.confidence, fused.provenance, noise_, threads);
     result.provenance = std::move(fused.provenance);
+    if (frame < static_cast<int>(forward_.size())) {
+      result.motion_next = forward_[frame].Clone();
+      result.motion_back = backward_[frame].Clone();
+    }
     return result;
   }
 

@@ -40,6 +40,8 @@ absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source);
 struct RunContext {
   int threads = 1;
   std::stop_token stop = {};
+  // Asks for DepthResult::motion_next and motion_back, which cost memory. Depth does not depend on it.
+  bool want_motion = false;
   // Called at natural seams from the calling thread, with the name of the stage about to run. May be empty.
   std::function<void(std::string_view stage)> on_stage = nullptr;
 };
