@@ -20,7 +20,7 @@ struct DepthNoise {
 
 // Two depths belong to different layers when they differ by more than this share of the nearer one (or by the noise):
 // wider than any slant a camera sees well over one pixel, narrower than the gap between things that move apart.
-constexpr float kLayerGap = 0.04F;
+constexpr float kLayerGap = 0.02F;
 inline bool SameLayer(float a, float b, const DepthNoise& noise) {
   const float nearer = a < b ? a : b;
   const float gap = a < b ? b - a : a - b;
