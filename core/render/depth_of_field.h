@@ -24,7 +24,7 @@ struct DepthOfFieldOptions {
   DepthOfFieldMethod method = DepthOfFieldMethod::kLayers;
   int blades = 0;               // of the aperture: 3..16, or 0 for a disc. Of the same area. kLayers only
   double max_radius_px = 32.0;  // larger circles of confusion are cut down to this, which bounds time. (0, 128]
-  int layers = 12;              // what lies in one layer, of equal width in blur, does not hide itself. 4..64. kLayers
+  int layers = 20;              // what lies in one layer, of equal width in blur, does not hide itself. 4..64. kLayers
 
   // InvalidArgument with field, value and rule.
   absl::Status Validate() const;

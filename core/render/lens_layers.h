@@ -20,7 +20,7 @@ namespace depthtween {
 
 struct LensLayersOptions {
   int blades = 0;   // of the aperture; 0 = a disc
-  int layers = 12;  // at least 4
+  int layers = 20;  // at least 4
 };
 
 // `hidden` may be empty.

@@ -132,6 +132,76 @@ absl::Status Quality(const std::string& references) {
   return absl::OkStatus();
 }
 
+template <typename Body>
+double Seconds(const Body& body) {
+  const auto start = std::chrono::steady_clock::now();
+  body();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+double Median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+// The yardstick: a stack of twelve RGBA images, each blurred by OpenCV with a disc, of the radii that our layers have.
+double FilterStack(const cv::Mat& rgba, float nearest_px, float farthest_px) {
+  constexpr int kLayers = 12;
+  double seconds = 0;
+  for (int k = 0; k < kLayers; ++k) {
+    const float radius = std::abs(nearest_px + (farthest_px - nearest_px) * static_cast<float>(k) / (kLayers - 1));
+    const int reach = static_cast<int>(std::ceil(radius));
+    cv::Mat disc(2 * reach + 1, 2 * reach + 1, CV_32F);
+    for (int y = -reach; y <= reach; ++y)
+      for (int x = -reach; x <= reach; ++x)
+        disc.at<float>(y + reach, x + reach) =
+            std::clamp(radius + 0.5F - std::hypot(static_cast<float>(x), static_cast<float>(y)), 0.0F, 1.0F);
+    disc /= cv::sum(disc)[0];
+    cv::Mat blurred;
+    seconds += Seconds([&] { cv::filter2D(rgba, blurred, -1, disc); });
+  }
+  return seconds;
+}
+
+absl::Status Speed(int rounds) {
+  constexpr int kThreads = 2;
+  constexpr float kLargestPx = 20;
+  const Camera camera{.width = 848, .height = 480, .fx = 500, .fy = 500, .cx = 423.5, .cy = 239.5};
+  cv::setNumThreads(kThreads);
+  std::printf("| scene | focus | radii, px | ours, ms | with hidden background, ms | 12 x filter2D, ms | ratio |\n");
+  std::printf("|---|---|---|---:|---:|---:|---:|\n");
+  for (const char* name : kScenes) {
+    ASSIGN_OR_RETURN(const auto scene, MakeScene(name, 1));
+    const Renderer renderer = RendererAt(*scene, camera, 0.1);
+    const Image<Rgb8> color = renderer.Color(kThreads);
+    const Image<float> depth = std::move(renderer.Surface(kThreads).depth_m);
+    const cv::Mat rgba(camera.height, camera.width, CV_32FC4, cv::Scalar::all(0.5));
+    for (const auto& [focus, share] : {std::pair{"near", 0.05}, std::pair{"far", 0.95}}) {
+      CircleOfConfusion circle = FocusOn(depth, share);
+      circle.scale_px *= kLargestPx / kLargestRadiusPx;
+      const float nearest = circle.RadiusPx(Percentile(depth, 0.005)),
+                  farthest = circle.RadiusPx(Percentile(depth, 0.995));
+      std::vector<double> ours, whole, stack, ratio;
+      for (int round = 0; round <= rounds; ++round) {
+        HiddenBackground hidden;
+        const double find = Seconds([&] { hidden = FindHiddenBackground({color, depth}, {}, {}, kThreads); });
+        const double render = Seconds([&] {
+          RenderDepthOfField({color, depth}, hidden, circle, {.max_radius_px = kLargestPx, .layers = 12}, kThreads);
+        });
+        const double yardstick = FilterStack(rgba, nearest, farthest);
+        if (round == 0) continue;  // warms caches and thread pools
+        ours.push_back(1000 * render);
+        whole.push_back(1000 * (render + find));
+        stack.push_back(1000 * yardstick);
+        ratio.push_back((render + find) / yardstick);
+      }
+      std::printf("| %s | %s | %.1f..%.1f | %.0f | %.0f | %.0f | %.2f |\n", name, focus, nearest, farthest,
+                  Median(ours), Median(whole), Median(stack), Median(ratio));
+    }
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 }  // namespace depthtween
 
@@ -139,6 +209,7 @@ int main(int argc, char** argv) {
   const std::string mode = argc > 1 ? argv[1] : "", argument = argc > 2 ? argv[2] : "";
   absl::Status status = absl::InvalidArgumentError("usage: depth_of_field_bench quality [DIR] | upsampled | speed [N]");
   if (mode == "quality") status = depthtween::Quality(argument);
+  if (mode == "speed") status = depthtween::Speed(argument.empty() ? 7 : std::max(1, std::atoi(argument.c_str())));
   if (!status.ok()) std::fprintf(stderr, "%s\n", std::string(status.message()).c_str());
   return status.ok() ? 0 : 1;
 }
