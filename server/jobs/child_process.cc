@@ -19,6 +19,7 @@ extern "C" {  // which the header of glibc 2.36 leaves out
 #include <csignal>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <sstream>
 #include <utility>
 
@@ -228,6 +229,7 @@ absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, std::stop_token sto
     [[maybe_unused]] const ssize_t written = write(stop_event.get(), &one, sizeof(one));
   });
   absl::Time kill_at = absl::InfiniteFuture();
+  const absl::Time time_over = absl::Now() + spec.time_limit;
   const auto begin_stop = [&] {
     if (std::exchange(outcome.stopped, true)) return;
     kill(-child, SIGTERM);
@@ -244,10 +246,15 @@ absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, std::stop_token sto
                                  {outcome.stopped ? -1 : stop_event.get(), POLLIN, 0},
                                  {pipe_open ? pipe_out.get() : -1, POLLIN, 0}}};
     int timeout_ms = -1;
-    if (kill_at != absl::InfiniteFuture()) {
-      timeout_ms = static_cast<int>(std::max<int64_t>(0, absl::ToInt64Milliseconds(kill_at - absl::Now()) + 1));
+    if (const absl::Time next = outcome.stopped ? kill_at : time_over; next != absl::InfiniteFuture()) {
+      const int64_t left_ms = absl::ToInt64Milliseconds(next - absl::Now()) + 1;
+      timeout_ms = static_cast<int>(std::clamp<int64_t>(left_ms, 0, std::numeric_limits<int>::max()));
     }
     if (poll(waits.data(), waits.size(), timeout_ms) < 0 && errno != EINTR) break;
+    if (!outcome.stopped && absl::Now() >= time_over) {
+      outcome.timed_out = true;
+      begin_stop();
+    }
     if (absl::Now() >= kill_at) {
       kill(-child, SIGKILL);
       kill_at = absl::InfiniteFuture();

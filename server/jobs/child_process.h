@@ -20,10 +20,12 @@ struct ChildSpec {
   int64_t memory_bytes = 0;            // RLIMIT_DATA; 0 = none
   int64_t file_bytes = 0;              // RLIMIT_FSIZE; 0 = none
   absl::Duration grace = absl::Seconds(1);
+  absl::Duration time_limit = absl::InfiniteDuration();  // of its life; then it is stopped
 };
 
 struct ChildOutcome {
-  bool stopped = false;      // because `stop` fired or on_line asked for it
+  bool stopped = false;      // because `stop` fired, on_line asked for it, or its time was over
+  bool timed_out = false;    // the latter
   int exit_code = -1;        // -1 if a signal ended it
   int signal = 0;            // 0 if it exited
   std::string error_output;  // the end of its stderr, at most 4 KiB

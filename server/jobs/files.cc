@@ -68,4 +68,9 @@ absl::Status MoveFile(const std::string& from, const std::string& to) {
   return rename(from.c_str(), to.c_str()) == 0 ? absl::OkStatus() : ErrnoStatus(errno, "move " + from + " to " + to);
 }
 
+absl::Status LinkFile(const std::string& from, const std::string& to) {
+  if (link(from.c_str(), to.c_str()) == 0 || errno == EEXIST) return absl::OkStatus();
+  return ErrnoStatus(errno, "link " + to + " to " + from);
+}
+
 }  // namespace depthtween::server

@@ -20,6 +20,8 @@ absl::Status MakeFolder(const std::string& path);
 absl::Status SyncFolder(const std::string& path);
 // Moves a regular file, replacing what is there. NotFound if there is none, or if it is something else, such as a link.
 absl::Status MoveFile(const std::string& from, const std::string& to);
+// Gives a file that will never change a second name; one that is there already stays. NotFound if there is none.
+absl::Status LinkFile(const std::string& from, const std::string& to);
 
 }  // namespace depthtween::server
 

@@ -15,9 +15,12 @@
 #include <utility>
 
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "server/jobs/child_process.h"
+#include "server/jobs/task_protocol.h"
 #include "server/jobs/task_runner.h"
+#include "server/store/error_info.h"
 #include "server/telemetry/log.h"
 
 namespace depthtween::server {
@@ -47,7 +50,16 @@ std::string Words(const absl::Status& status) {
 class Manager : public JobManager {
  public:
   Manager(DataDirectory& directory, Store& store, const JobManagerOptions& options)
-      : directory_(directory), store_(store), options_(options), runner_(directory, store, options) {}
+      : directory_(directory),
+        store_(store),
+        options_(options),
+        runner_(directory, store, options),
+        errands_(directory, {.core_program = options.core_program,
+                             .threads = options.frame_renderers,
+                             .time_limit = options.frame_render_time,
+                             .grace = options.grace,
+                             .child_memory_bytes = options.child_memory_bytes,
+                             .child_file_bytes = options.child_file_bytes}) {}
 
   ~Manager() override {
     for (std::jthread& worker : workers_) worker.request_stop();
@@ -70,11 +82,13 @@ class Manager : public JobManager {
   absl::StatusOr<JobView> Retry(std::string_view id) override;
   absl::StatusOr<std::unique_ptr<JobWatch>> Watch(std::string_view id, std::string_view resume_token,
                                                   std::function<void()> on_news) override;
-  absl::StatusOr<std::vector<FrameRecord>> Frames(std::string_view id, int first, int count) override {
-    return store_.JobFrames(id, first, count);
+  absl::StatusOr<std::vector<FrameRecord>> Frames(std::string_view id, int first, int count, int render) override {
+    return store_.JobFrames(id, first, count, render);
   }
-  std::string FrameFile(std::string_view id, OutputKind kind, std::string_view stem) const override;
-  std::string OutputFile(std::string_view id, OutputKind kind) const override;
+  std::string FrameFile(std::string_view id, const OutputSpec& output, std::string_view stem) const override;
+  std::string OutputFile(std::string_view id, const OutputSpec& output) const override;
+  absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(std::string_view id, const FrameRenderOrder& order,
+                                                      std::function<void()> on_done) override;
   ValidationProgress GetValidationProgress(std::string_view sequence_id) override;
   int workers() const override { return options_.workers; }
 
@@ -98,6 +112,9 @@ class Manager : public JobManager {
   void OnStage(const std::string& job_id, std::string_view stage);
   absl::Status OnInterval(const Task& task, const PlannedInterval& interval, double seconds);
 
+  // What the renders of a job will be; as they came where there is no sequence to plan them for.
+  absl::StatusOr<std::vector<RenderRecord>> PlanRenders(const NewJob& job);
+
   // With changes_ held.
   JobView View(JobRecord record) const;
   absl::StatusOr<JobView> Publish(std::string_view job_id, JobEvent::Kind kind);
@@ -120,6 +137,7 @@ class Manager : public JobManager {
   int64_t wakes_ = 0;                                                   // guarded by changes_
   std::condition_variable_any work_;
 
+  Errands errands_;
   std::vector<std::jthread> workers_;  // last: they use all of the above
 };
 
@@ -186,9 +204,22 @@ void Manager::StopTasksOf(std::string_view job_id) {
   }
 }
 
+absl::StatusOr<std::vector<RenderRecord>> Manager::PlanRenders(const NewJob& job) {
+  const absl::StatusOr<SequenceRecord> sequence = store_.GetSequence(job.sequence_id);
+  if (job.renders.empty() || !sequence.ok() || sequence->state != SequenceState::kReady) return job.renders;
+  ASSIGN_OR_RETURN(
+      const std::string answer,
+      errands_.Run({.arguments = {"plan-renders", "--sequence", directory_.SequenceFolder(job.sequence_id)},
+                    .options = OptionsJson({.threads = 1}, job.renders),
+                    .field_prefix = "job."}));
+  return ParseRenderPlans(answer, job.renders);
+}
+
 absl::StatusOr<JobView> Manager::Create(const NewJob& job, std::string_view request_id, bool validate_only) {
+  NewJob planned = job;
+  ASSIGN_OR_RETURN(planned.renders, PlanRenders(job));
   std::unique_lock lock(changes_);
-  ASSIGN_OR_RETURN(JobRecord record, store_.CreateJob(job, request_id, validate_only));
+  ASSIGN_OR_RETURN(JobRecord record, store_.CreateJob(planned, request_id, validate_only));
   JobView view = View(std::move(record));
   lock.unlock();
   if (!validate_only) Wake();
@@ -242,17 +273,41 @@ absl::StatusOr<std::unique_ptr<JobWatch>> Manager::Watch(std::string_view id, st
   return hub_.Watch(View(std::move(record)), resume_token, std::move(on_news));
 }
 
-const OutputSpec& SpecOf(OutputKind kind) {
-  return *std::find_if(AllOutputs().begin(), AllOutputs().end(),
-                       [kind](const OutputSpec& output) { return output.kind == kind; });
+std::string Manager::FrameFile(std::string_view id, const OutputSpec& output, std::string_view stem) const {
+  return absl::StrCat(OutputFile(id, output), "/", std::string(stem), ".", output.extension);
 }
 
-std::string Manager::FrameFile(std::string_view id, OutputKind kind, std::string_view stem) const {
-  return absl::StrCat(OutputFile(id, kind), "/", std::string(stem), ".png");
+std::string Manager::OutputFile(std::string_view id, const OutputSpec& output) const {
+  return absl::StrCat(directory_.OutFolder(id), "/", output.file_name);
 }
 
-std::string Manager::OutputFile(std::string_view id, OutputKind kind) const {
-  return absl::StrCat(directory_.OutFolder(id), "/", std::string(SpecOf(kind).file_name));
+absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(std::string_view id, const FrameRenderOrder& order,
+                                                             std::function<void()> on_done) {
+  ASSIGN_OR_RETURN(const JobRecord job, store_.GetJob(id));
+  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, store_.JobFrames(id, order.frame, 1));
+  if (job.frames_total > 0 && order.frame >= job.frames_total) {
+    return WithErrorInfo(
+        absl::OutOfRangeError(absl::StrFormat("frame = %d, the job has %d frames", order.frame, job.frames_total)),
+        {.reason = "NO_SUCH_FRAME", .metadata = {{"frame_count", absl::StrCat(job.frames_total)}}});
+  }
+  if (frames.empty() || !frames[0].ready) {
+    return WithErrorInfo(absl::FailedPreconditionError(absl::StrFormat("frame %d is not finished, %d of %d are",
+                                                                       order.frame, job.frames_done, job.frames_total)),
+                         {.reason = "FRAME_NOT_READY", .metadata = {{"frame", absl::StrCat(order.frame)}}});
+  }
+  if (const absl::Status sequence = store_.GetSequence(job.sequence_id).status(); !sequence.ok()) {
+    return WithErrorInfo(
+        absl::FailedPreconditionError(absl::StrCat("the colours of the frames are gone: ", sequence.message())),
+        {.reason = "SEQUENCE_GONE", .metadata = {{"resource", "sequences/" + job.sequence_id}}});
+  }
+  UpsampleOptions options = job.options;
+  options.threads = options_.default_threads;
+  return errands_.Start({.arguments = {"render-frame", "--sequence", directory_.SequenceFolder(job.sequence_id),
+                                       "--constants", directory_.JobFolder(job.id) + "/constants.json", "--result",
+                                       directory_.OutFolder(job.id), "--frame", absl::StrCat(order.frame)},
+                         .options = FrameRenderJson(options, order.options, order.jpeg),
+                         .field_prefix = ""},
+                        std::move(on_done));
 }
 
 ValidationProgress Manager::GetValidationProgress(std::string_view sequence_id) {
@@ -270,8 +325,8 @@ void Manager::Work(const std::stop_token& stop) {
 std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   std::unique_lock lock(changes_);
   if (stop.stop_requested()) return std::nullopt;
-  absl::StatusOr<std::optional<Task>> claimed =
-      store_.ClaimTask([this](const JobRecord& job) { return IntervalsPerBatch(job, options_.workers); });
+  absl::StatusOr<std::optional<Task>> claimed = store_.ClaimTask(
+      [this](const JobRecord& job, TaskKind kind) { return IntervalsPerBatch(job, kind, options_.workers); });
   if (claimed.ok() && claimed->has_value()) {
     const Task& task = **claimed;
     running_[task.number].job_id = task.job_id;
@@ -293,30 +348,29 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
 
 void Manager::RunTask(const Task& task, const std::stop_token& stop) {
   std::stop_token task_stop;
-  UpsampleOptions job_options;
+  absl::StatusOr<JobRecord> job = JobRecord();
   {
     const std::lock_guard lock(changes_);
     task_stop = running_[task.number].stop.get_token();
-    if (!task.job_id.empty()) {
-      if (const auto job = store_.GetJob(task.job_id); job.ok()) job_options = job->options;
-    }
+    if (!task.job_id.empty()) job = store_.GetJob(task.job_id);
   }
   LogInfo("task started", {{"task", absl::StrCat(task.number)},
                            {"kind", std::string(ToString(task.kind))},
                            {"sequence", task.sequence_id},
                            {"job", task.job_id},
                            {"first_interval", absl::StrCat(task.first_interval)},
-                           {"intervals", absl::StrCat(task.interval_count)}});
+                           {"intervals", absl::StrCat(task.interval_count)},
+                           {"render", absl::StrCat(task.render)}});
+  const TaskEvents events = {.on_stage = [&](std::string_view stage) { OnStage(task.job_id, stage); },
+                             .on_checked =
+                                 [&](int checked, int of) {
+                                   const std::lock_guard lock(changes_);
+                                   validations_[task.sequence_id] = {.checked = checked, .of = of};
+                                 },
+                             .on_interval = [&](const PlannedInterval& interval,
+                                                double seconds) { return OnInterval(task, interval, seconds); }};
   const TaskOutcome outcome =
-      runner_.Run(task, job_options, task_stop,
-                  {.on_stage = [&](std::string_view stage) { OnStage(task.job_id, stage); },
-                   .on_checked =
-                       [&](int checked, int of) {
-                         const std::lock_guard lock(changes_);
-                         validations_[task.sequence_id] = {.checked = checked, .of = of};
-                       },
-                   .on_interval = [&](const PlannedInterval& interval,
-                                      double seconds) { return OnInterval(task, interval, seconds); }});
+      job.ok() ? runner_.Run(task, *job, task_stop, events) : TaskOutcome{.error = job.status(), .retry = true};
   Log(outcome.error.ok() || outcome.stopped ? LogLevel::kInfo : LogLevel::kWarning, "task ended",
       {{"task", absl::StrCat(task.number)}, {"job", task.job_id}, {"status", Words(outcome.error)}});
   // Before its end is recorded: on a full disk the record may need the room.
@@ -346,9 +400,15 @@ void Manager::OnStage(const std::string& job_id, std::string_view stage) {
 }
 
 absl::Status Manager::OnInterval(const Task& task, const PlannedInterval& interval, double seconds) {
-  const std::lock_guard lock(changes_);
-  ASSIGN_OR_RETURN(JobRecord record, store_.FinishInterval(task.number, interval.index, seconds));
-  hub_.Publish(JobEvent::Kind::kFramesReady, View(std::move(record)), interval.first_frame, interval.frame_count);
+  {
+    const std::lock_guard lock(changes_);
+    ASSIGN_OR_RETURN(JobRecord record, store_.FinishInterval(task.number, interval.index, seconds));
+    const std::string render = task.kind == TaskKind::kRender ? record.renders[task.render].name : std::string();
+    hub_.Publish(JobEvent::Kind::kFramesReady, View(std::move(record)), interval.first_frame, interval.frame_count,
+                 render);
+  }
+  // What was computed may be rendered now.
+  if (task.kind == TaskKind::kIntervals) Wake();
   return absl::OkStatus();
 }
 
@@ -361,6 +421,7 @@ absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome
     case TaskKind::kPrepare:
       return store_.FinishPrepare(task.number, *outcome.plan);
     case TaskKind::kIntervals:
+    case TaskKind::kRender:
     case TaskKind::kAssemble:
       return store_.CompleteTask(task.number);
   }
@@ -395,6 +456,10 @@ absl::Status JobManagerOptions::Validate() const {
   if (default_threads < 1) return bad("default_threads", default_threads, "> 0");
   if (child_memory_bytes < 0) return bad("child_memory_bytes", child_memory_bytes, ">= 0 (0 = no limit)");
   if (child_file_bytes < 0) return bad("child_file_bytes", child_file_bytes, ">= 0 (0 = no limit)");
+  if (frame_renderers < 1) return bad("frame_renderers", frame_renderers, "> 0");
+  if (frame_render_time <= absl::ZeroDuration()) {
+    return bad("frame_render_time", absl::FormatDuration(frame_render_time), "> 0");
+  }
   if (grace < absl::ZeroDuration()) return bad("grace", absl::FormatDuration(grace), ">= 0");
   return absl::OkStatus();
 }

@@ -1,9 +1,11 @@
 // Runs jobs: claims tasks from the store, runs each in a child process, records what is finished, and tells who
 // watches.
 //
-// Life of a job: prepare (how the clip is cut, and its constants) -> batches of intervals on all workers -> assemble.
+// Life of a job: prepare (how the clip is cut, and its constants) -> batches of intervals on all workers, computed, and
+// rendered as soon as the frames around them are there -> assemble.
 // An interval's frames are moved into the job's out folder, made durable and recorded, in this order, as soon as it is
 // done: after kill -9 nothing recorded is computed again, and nothing half-written is ever seen.
+// What somebody waits for - the check of a job's renders, a single rendered frame - runs beside the workers.
 // Each attempt at a task writes to a folder of its own, so a child that lives too long harms nothing.
 #ifndef DEPTHTWEEN_SERVER_JOBS_JOB_MANAGER_H_
 #define DEPTHTWEEN_SERVER_JOBS_JOB_MANAGER_H_
@@ -17,6 +19,7 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "server/jobs/errands.h"
 #include "server/jobs/progress.h"
 #include "server/jobs/watch.h"
 #include "server/store/data_directory.h"
@@ -33,6 +36,9 @@ struct JobManagerOptions {
   int64_t child_file_bytes = int64_t{4} << 30;     // size of any one file it writes
   // Between SIGTERM and SIGKILL when a child has to end. Cancel promises the processor within 2 s.
   absl::Duration grace = absl::Seconds(1);
+  // Single frames that are rendered at the same time, > 0, and how long one may take.
+  int frame_renderers = 2;
+  absl::Duration frame_render_time = absl::Seconds(30);
 
   absl::Status Validate() const;
 };
@@ -43,16 +49,26 @@ struct ValidationProgress {
   int of = 0;
 };
 
-// What a job has to offer. kDepth, kUncertainty and kProvenance are made of frames; the others are one file each, there
-// once the job has succeeded.
-enum class OutputKind { kDepth, kUncertainty, kProvenance, kReport, kTimestamps, kCamera };
+// What a job has to offer. kDepth, kUncertainty, kProvenance and kPictures are made of frames; the others are one file
+// each, there once the job has succeeded.
+enum class OutputKind { kDepth, kUncertainty, kProvenance, kReport, kTimestamps, kCamera, kPictures, kVideo };
 struct OutputSpec {
   OutputKind kind;
-  std::string_view id;         // last part of its resource name
-  std::string_view file_name;  // in a result folder; of frames: the folder that holds <stem>.png
-  bool frames;
+  std::string id;         // last part of its resource name
+  std::string file_name;  // in a result folder; of frames: the folder that holds <stem>.<extension>
+  bool frames = false;
+  std::string extension = "png";  // of frames
+  int render = -1;                // of kPictures and kVideo: into JobRecord::renders
 };
-const std::vector<OutputSpec>& AllOutputs();
+// What every job has, then what the renders add.
+std::vector<OutputSpec> OutputsOf(const std::vector<RenderRecord>& renders);
+
+// One picture to be rendered now.
+struct FrameRenderOrder {
+  int frame = 0;
+  std::string options;  // of the render: a JSON object, as depthtween-core reads it
+  bool jpeg = false;    // else PNG
+};
 
 // Threads: all methods may be called concurrently.
 class JobManager {
@@ -67,7 +83,8 @@ class JobManager {
   // There may be work in the store.
   virtual void Wake() = 0;
 
-  // As in Store; the view adds progress.
+  // As in Store; the view adds progress. Of job.renders only `options` is looked at: depthtween-core plans the rest.
+  // InvalidArgument names their field.
   virtual absl::StatusOr<JobView> Create(const NewJob& job, std::string_view request_id, bool validate_only) = 0;
   virtual absl::StatusOr<JobView> Get(std::string_view id) = 0;
   virtual absl::StatusOr<Page<JobView>> List(const JobFilter& filter, const PageRequest& page) = 0;
@@ -81,11 +98,19 @@ class JobManager {
                                                           std::function<void()> on_news) = 0;
 
   // As Store::JobFrames.
-  virtual absl::StatusOr<std::vector<FrameRecord>> Frames(std::string_view id, int first, int count) = 0;
+  virtual absl::StatusOr<std::vector<FrameRecord>> Frames(std::string_view id, int first, int count,
+                                                          int render = -1) = 0;
   // The file of one frame; it may be read once FrameRecord::ready.
-  virtual std::string FrameFile(std::string_view id, OutputKind kind, std::string_view stem) const = 0;
+  virtual std::string FrameFile(std::string_view id, const OutputSpec& output, std::string_view stem) const = 0;
   // The file of an output that is one file; it may be read once the job has succeeded.
-  virtual std::string OutputFile(std::string_view id, OutputKind kind) const = 0;
+  virtual std::string OutputFile(std::string_view id, const OutputSpec& output) const = 0;
+
+  // Begins to render one frame of a job from what is finished; `on_done` is called from another thread when the answer
+  // is there, unless the errand was destroyed. FailedPrecondition when the frame is not finished, or the sequence with
+  // its colours is gone; OutOfRange when there is no such frame; ResourceExhausted (SERVER_BUSY) when too many wait.
+  // The answer: the bytes of the picture, or InvalidArgument with a field of `render`, DeadlineExceeded...
+  virtual absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(std::string_view id, const FrameRenderOrder& order,
+                                                              std::function<void()> on_done) = 0;
 
   virtual ValidationProgress GetValidationProgress(std::string_view sequence_id) = 0;
   // How many tasks run at the same time.

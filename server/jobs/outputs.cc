@@ -2,16 +2,34 @@
 
 namespace depthtween::server {
 
-const std::vector<OutputSpec>& AllOutputs() {
-  static const std::vector<OutputSpec>* const outputs = new std::vector<OutputSpec>{
-      {OutputKind::kDepth, "depth", "depth", true},
-      {OutputKind::kUncertainty, "uncertainty", "uncertainty", true},
-      {OutputKind::kProvenance, "provenance", "provenance", true},
-      {OutputKind::kReport, "report", "report.json", false},
-      {OutputKind::kTimestamps, "timestamps", "depth.txt", false},
-      {OutputKind::kCamera, "camera", "camera.json", false},
+std::vector<OutputSpec> OutputsOf(const std::vector<RenderRecord>& renders) {
+  std::vector<OutputSpec> outputs = {
+      {.kind = OutputKind::kDepth, .id = "depth", .file_name = "depth", .frames = true},
+      {.kind = OutputKind::kUncertainty, .id = "uncertainty", .file_name = "uncertainty", .frames = true},
+      {.kind = OutputKind::kProvenance, .id = "provenance", .file_name = "provenance", .frames = true},
+      {.kind = OutputKind::kReport, .id = "report", .file_name = "report.json"},
+      {.kind = OutputKind::kTimestamps, .id = "timestamps", .file_name = "depth.txt"},
+      {.kind = OutputKind::kCamera, .id = "camera", .file_name = "camera.json"},
   };
-  return *outputs;
+  for (size_t i = 0; i < renders.size(); ++i) {
+    const RenderRecord& render = renders[i];
+    const int index = static_cast<int>(i);
+    for (const std::string& stream : render.streams) {
+      outputs.push_back({.kind = OutputKind::kPictures,
+                         .id = stream,
+                         .file_name = stream,
+                         .frames = true,
+                         .extension = render.extension,
+                         .render = index});
+    }
+    for (size_t k = 0; k < render.videos.size(); ++k) {
+      outputs.push_back({.kind = OutputKind::kVideo,
+                         .id = render.streams[k] + "-video",
+                         .file_name = render.videos[k],
+                         .render = index});
+    }
+  }
+  return outputs;
 }
 
 }  // namespace depthtween::server

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_format.h"
 #include "nlohmann/json.hpp"
+#include "server/store/error_info.h"
 
 namespace depthtween::server {
 namespace {
@@ -26,7 +27,11 @@ absl::Status ToStatus(const json& value) {
       code = static_cast<absl::StatusCode>(candidate);
     }
   }
-  return absl::Status(code, value.at("message").get<std::string>());
+  const std::string message = value.at("message");
+  if (code == absl::StatusCode::kInvalidArgument && value.contains("field")) {
+    return BadField(value.at("field").get<std::string>(), message);
+  }
+  return absl::Status(code, message);
 }
 
 // Runs `read`, which may throw what nlohmann::json throws about missing members and wrong types.
@@ -92,7 +97,7 @@ absl::StatusOr<JobPlan> CheckPlan(JobPlan plan) {
 
 }  // namespace
 
-std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths) {
+std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, std::string_view render) {
   std::vector<std::string> command = {
       paths.program, "task", std::string(ToString(task.kind)), "--sequence", paths.sequence, "--progress-fd", "3"};
   const auto add = [&command](const char* option, std::string value) {
@@ -102,16 +107,34 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths) {
   if (task.kind == TaskKind::kValidate) return command;
   add("--options", paths.options);
   add("--constants", paths.constants);
-  if (task.kind == TaskKind::kIntervals) {
+  if (task.kind == TaskKind::kIntervals || task.kind == TaskKind::kRender) {
     add("--first", absl::StrCat(task.first_interval));
     add("--count", absl::StrCat(task.interval_count));
+  }
+  if (task.kind == TaskKind::kRender) {
+    add("--render", std::string(render));
+    add("--result", paths.result);
   }
   if (task.kind != TaskKind::kPrepare) add("--out", paths.out);
   return command;
 }
 
-std::string OptionsJson(const UpsampleOptions& options) {
-  return json{{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}}.dump();
+std::string OptionsJson(const UpsampleOptions& options, const std::vector<RenderRecord>& renders) {
+  json value = {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
+  if (!renders.empty()) {
+    value["keep_motion"] =
+        std::any_of(renders.begin(), renders.end(), [](const RenderRecord& render) { return render.uses_motion; });
+    // Ours, written by the RPC layer.
+    for (const RenderRecord& render : renders) value["renders"].push_back(json::parse(render.options));
+  }
+  return value.dump();
+}
+
+std::string FrameRenderJson(const UpsampleOptions& options, const std::string& render, bool jpeg) {
+  json value = {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
+  value["render"] = json::parse(render);
+  value["render"]["frame_format"] = jpeg ? "jpeg" : "png";
+  return value.dump();
 }
 
 ProgressLine ParseProgressLine(std::string_view line) {
@@ -132,6 +155,33 @@ ProgressLine ParseProgressLine(std::string_view line) {
     return result;
   });
   return parsed.ok() ? *parsed : ProgressLine{};
+}
+
+absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view text, std::vector<RenderRecord> renders) {
+  ASSIGN_OR_RETURN(const json plans, ReadJson<json>(text, [](const json& value) { return value.at("renders"); }));
+  if (!plans.is_array() || plans.size() != renders.size()) return Disagreement("plans for other renders");
+  std::set<std::string> outputs, names;
+  for (size_t i = 0; i < renders.size(); ++i) {
+    RenderRecord& render = renders[i];
+    ASSIGN_OR_RETURN(render, ReadJson<RenderRecord>(plans[i].dump(), [&](const json& plan) {
+                       return RenderRecord{.name = plan.at("name"),
+                                           .options = render.options,
+                                           .reach_frames = plan.at("reach_frames"),
+                                           .anchor_frame = plan.at("anchor_frame"),
+                                           .uses_motion = plan.at("uses_motion"),
+                                           .streams = plan.at("streams").get<std::vector<std::string>>(),
+                                           .extension = plan.at("extension"),
+                                           .videos = plan.at("videos").get<std::vector<std::string>>()};
+                     }));
+    bool plain = IsPlainName(render.name) && names.insert(render.name).second && !render.streams.empty() &&
+                 render.reach_frames >= 0 && (render.extension == "png" || render.extension == "jpg") &&
+                 (render.videos.empty() || render.videos.size() == render.streams.size());
+    for (const std::vector<std::string>* files : {&render.streams, &render.videos}) {
+      for (const std::string& file : *files) plain = plain && IsPlainName(file) && outputs.insert(file).second;
+    }
+    if (!plain) return Disagreement(absl::StrCat("render ", i, " has no outputs of its own"));
+  }
+  return renders;
 }
 
 absl::StatusOr<ValidationResult> ParseValidation(std::string_view text) {

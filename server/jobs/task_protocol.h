@@ -19,11 +19,16 @@ struct TaskPaths {
   std::string options;    // file
   std::string constants;  // file: written by prepare, read by the others
   std::string out;        // folder
+  std::string result;     // folder with finished frames, to render from
 };
-std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths);
+// `render` names the render of a render task.
+std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, std::string_view render = {});
 
 // The content of the options file.
-std::string OptionsJson(const UpsampleOptions& options);
+std::string OptionsJson(const UpsampleOptions& options, const std::vector<RenderRecord>& renders = {});
+
+// The same for `render-frame`, with the options of its one render.
+std::string FrameRenderJson(const UpsampleOptions& options, const std::string& render, bool jpeg);
 
 // One line of progress. At most one of the members is set; none for a line that says nothing we know.
 struct ProgressLine {
@@ -38,7 +43,7 @@ struct ProgressLine {
   std::optional<std::string> stage;
   std::optional<IntervalDone> interval_done;
   std::optional<Checked> checked;
-  std::optional<absl::Status> error;  // never OK
+  std::optional<absl::Status> error;  // never OK; BAD_FIELD if it names a field
 };
 ProgressLine ParseProgressLine(std::string_view line);
 
@@ -47,6 +52,9 @@ absl::StatusOr<ValidationResult> ParseValidation(std::string_view json);
 // What `prepare` wrote. Internal if it is not what we agreed on: intervals and frames must be numbered from 0, every
 // frame in exactly one interval, stems plain file names and different.
 absl::StatusOr<JobPlan> ParsePlan(std::string_view json);
+// What `plan-renders` answered about renders with these options. Internal if it is not what we agreed on: as many
+// plans, names and outputs plain and different.
+absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view json, std::vector<RenderRecord> renders);
 
 }  // namespace depthtween::server
 

@@ -1,5 +1,6 @@
 #include "server/jobs/task_runner.h"
 
+#include <algorithm>
 #include <set>
 #include <string>
 #include <utility>
@@ -31,7 +32,18 @@ bool WorthRetrying(absl::StatusCode code) {
   }
 }
 
-std::string IntervalReport(int interval) { return absl::StrFormat("/interval_%06d.json", interval); }
+// What a task leaves beside the frames of an interval, for `assemble`.
+std::string PartReport(const Task& task, const JobRecord& job, int interval) {
+  if (task.kind != TaskKind::kRender) return absl::StrFormat("/interval_%06d.json", interval);
+  return absl::StrFormat("/render_%s_%06d.json", job.renders[task.render].name, interval);
+}
+
+constexpr char kMotionFolder[] = "/motion/";
+
+bool KeepsMotion(const JobRecord& job) {
+  return std::any_of(job.renders.begin(), job.renders.end(),
+                     [](const RenderRecord& render) { return render.uses_motion; });
+}
 
 // What went wrong with a child that did not end well, in its own words if it had any.
 absl::Status ChildError(const Task& task, const ChildOutcome& outcome, const std::optional<absl::Status>& said) {
@@ -51,54 +63,128 @@ void LimitViolations(ValidationResult& result) {
 
 }  // namespace
 
-absl::Status TaskRunner::MoveInterval(const Task& task, const PlannedInterval& interval) {
+absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, const PlannedInterval& interval) {
   ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
                    store_.JobFrames(task.job_id, interval.first_frame, interval.frame_count));
   const std::string from = directory_.TaskFolder(task.number);
   const std::string to = directory_.OutFolder(task.job_id);
-  for (const OutputSpec& output : AllOutputs()) {
-    if (!output.frames) continue;
-    const std::string folder = absl::StrCat("/", std::string(output.file_name), "/");
+  const bool rendered = task.kind == TaskKind::kRender;
+  // Motion goes before depth: whoever finds a frame's depth finds what belongs to it. Not every frame has motion.
+  if (!rendered && KeepsMotion(job)) {
     for (const FrameRecord& frame : frames) {
-      RETURN_IF_ERROR(MoveFile(from + folder + frame.stem + ".png", to + folder + frame.stem + ".png"));
+      const std::string name = kMotionFolder + frame.stem + ".npz";
+      if (const absl::Status moved = MoveFile(from + name, to + name); !moved.ok() && !absl::IsNotFound(moved)) {
+        return moved;
+      }
+    }
+    RETURN_IF_ERROR(SyncFolder(to + kMotionFolder));
+  }
+  for (const OutputSpec& output : OutputsOf(job.renders)) {
+    if (!output.frames || output.render != (rendered ? task.render : -1)) continue;
+    const std::string folder = "/" + output.file_name + "/";
+    for (const FrameRecord& frame : frames) {
+      const std::string name = absl::StrCat(folder, frame.stem, ".", output.extension);
+      RETURN_IF_ERROR(MoveFile(from + name, to + name));
     }
     RETURN_IF_ERROR(SyncFolder(to + folder));
   }
-  RETURN_IF_ERROR(MoveFile(from + IntervalReport(interval.index), to + IntervalReport(interval.index)));
+  const std::string report = PartReport(task, job, interval.index);
+  RETURN_IF_ERROR(MoveFile(from + report, to + report));
   return SyncFolder(to);
 }
 
-TaskOutcome TaskRunner::Run(const Task& task, const UpsampleOptions& job_options, std::stop_token stop,
-                            const TaskEvents& events) {
+absl::Status TaskRunner::MakeResultFolders(const JobRecord& job) {
+  const std::string out = directory_.OutFolder(job.id);
+  for (const OutputSpec& output : OutputsOf(job.renders)) {
+    if (output.frames) RETURN_IF_ERROR(MakeFolder(out + "/" + output.file_name));
+  }
+  if (KeepsMotion(job)) RETURN_IF_ERROR(MakeFolder(out + kMotionFolder));
+  for (const std::string& changed : {out, directory_.JobFolder(job.id), directory_.JobsFolder()}) {
+    RETURN_IF_ERROR(SyncFolder(changed));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
+  const std::string from = directory_.OutFolder(job.depth_from), to = directory_.OutFolder(job.id);
+  const absl::StatusOr<std::string> constants =
+      ReadWholeFile(directory_.JobFolder(job.depth_from) + "/constants.json", kMaxAnswerBytes);
+  if (absl::IsNotFound(constants.status())) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("jobs/", job.depth_from, ", whose depth was to be taken over, has been deleted"));
+  }
+  RETURN_IF_ERROR(constants.status());
+  ASSIGN_OR_RETURN(JobPlan plan, ParsePlan(*constants));
+  plan.depth_done = true;
+  // Results never change, so a second name for them is as good as a copy.
+  for (const PlannedFrame& frame : plan.frames) {
+    for (const OutputSpec& output : OutputsOf({})) {
+      if (!output.frames) continue;
+      const std::string name = absl::StrCat("/", output.file_name, "/", frame.stem, ".png");
+      RETURN_IF_ERROR(LinkFile(from + name, to + name));
+    }
+    const std::string motion = kMotionFolder + frame.stem + ".npz";
+    if (const absl::Status linked = LinkFile(from + motion, to + motion); !linked.ok() && !absl::IsNotFound(linked)) {
+      return linked;
+    }
+  }
+  for (const PlannedInterval& interval : plan.intervals) {
+    const std::string report = PartReport({.kind = TaskKind::kIntervals}, job, interval.index);
+    RETURN_IF_ERROR(LinkFile(from + report, to + report));
+  }
+  RETURN_IF_ERROR(LinkFile(directory_.JobFolder(job.depth_from) + "/constants.json",
+                           directory_.JobFolder(job.id) + "/constants.json"));
+  for (const OutputSpec& output : OutputsOf({})) {
+    if (output.frames) RETURN_IF_ERROR(SyncFolder(to + "/" + output.file_name));
+  }
+  if (KeepsMotion(job)) RETURN_IF_ERROR(SyncFolder(to + kMotionFolder));
+  RETURN_IF_ERROR(SyncFolder(to));
+  RETURN_IF_ERROR(SyncFolder(directory_.JobFolder(job.id)));
+  return plan;
+}
+
+TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_token stop, const TaskEvents& events) {
   // An error on our side of the work, such as a full disk, is judged as one of the child's.
   const auto failed = [](const absl::Status& error) {
     return TaskOutcome{.error = error, .retry = WorthRetrying(error.code())};
   };
   const std::string folder = directory_.TaskFolder(task.number);
-  const std::string job = directory_.JobFolder(task.job_id);
+  const std::string constants = directory_.JobFolder(task.job_id) + "/constants.json";
+  if (task.kind == TaskKind::kPrepare) {
+    if (const absl::Status made = MakeResultFolders(job); !made.ok()) return failed(made);
+    if (!job.depth_from.empty()) {
+      absl::StatusOr<JobPlan> plan = TakeOverDepth(job);
+      if (!plan.ok()) return failed(plan.status());
+      return {.plan = *std::move(plan)};
+    }
+  }
   TaskPaths paths = {.program = options_.core_program,
                      .sequence = directory_.SequenceFolder(task.sequence_id),
                      .options = folder + "/options.json",
-                     .constants = job + "/constants.json"};
+                     .constants = constants};
   if (const absl::Status made = MakeFolder(folder); !made.ok()) return failed(made);
   if (task.kind != TaskKind::kValidate) {
-    UpsampleOptions options = job_options;
+    UpsampleOptions options = job.options;
     if (options.threads == 0) options.threads = options_.default_threads;
-    if (const absl::Status written = WriteScratchFile(paths.options, OptionsJson(options)); !written.ok()) {
+    if (const absl::Status written = WriteScratchFile(paths.options, OptionsJson(options, job.renders));
+        !written.ok()) {
       return failed(written);
     }
   }
   if (task.kind == TaskKind::kPrepare) paths.constants = folder + "/constants.json";
-  if (task.kind == TaskKind::kIntervals) paths.out = folder;
+  const bool cut = task.kind == TaskKind::kIntervals || task.kind == TaskKind::kRender;
+  if (cut) paths.out = folder;
+  if (task.kind == TaskKind::kRender) paths.result = directory_.OutFolder(task.job_id);
   if (task.kind == TaskKind::kAssemble) paths.out = directory_.OutFolder(task.job_id);
 
   std::vector<PlannedInterval> intervals;
-  if (task.kind == TaskKind::kIntervals) {
+  if (cut) {
     absl::StatusOr<std::vector<PlannedInterval>> planned =
         store_.JobIntervals(task.job_id, task.first_interval, task.interval_count);
     if (!planned.ok()) return failed(planned.status());
     intervals = *std::move(planned);
   }
+  const std::string render = task.kind == TaskKind::kRender ? job.renders[task.render].name : std::string();
   std::set<int> finished;
   std::optional<absl::Status> said;
   absl::Status ours;
@@ -116,13 +202,13 @@ TaskOutcome TaskRunner::Run(const Task& task, const UpsampleOptions& job_options
       }
       const PlannedInterval& interval = intervals[static_cast<size_t>(position)];
       if (!finished.insert(interval.index).second) return true;
-      ours = MoveInterval(task, interval);
+      ours = MoveInterval(task, job, interval);
       if (ours.ok()) ours = events.on_interval(interval, line.interval_done->seconds);
     }
     return ours.ok();
   };
 
-  const absl::StatusOr<ChildOutcome> child = RunChild({.arguments = TaskCommand(task, paths),
+  const absl::StatusOr<ChildOutcome> child = RunChild({.arguments = TaskCommand(task, paths, render),
                                                        .folder = folder,
                                                        .memory_bytes = options_.child_memory_bytes,
                                                        .file_bytes = options_.child_file_bytes,
@@ -149,25 +235,17 @@ TaskOutcome TaskRunner::Run(const Task& task, const UpsampleOptions& job_options
       if (!answer.ok()) return failed(answer.status());
       absl::StatusOr<JobPlan> plan = ParsePlan(*answer);
       if (!plan.ok()) return failed(plan.status());
-      // Everything that later tasks find on the disk is durable before the plan is recorded.
+      // Before the plan is recorded.
       const auto keep = [&]() -> absl::Status {
-        for (const OutputSpec& output : AllOutputs()) {
-          if (output.frames) {
-            RETURN_IF_ERROR(
-                MakeFolder(absl::StrCat(directory_.OutFolder(task.job_id), "/", std::string(output.file_name))));
-          }
-        }
-        RETURN_IF_ERROR(MoveFile(paths.constants, job + "/constants.json"));
-        for (const std::string& changed : {directory_.OutFolder(task.job_id), job, directory_.JobsFolder()}) {
-          RETURN_IF_ERROR(SyncFolder(changed));
-        }
-        return absl::OkStatus();
+        RETURN_IF_ERROR(MoveFile(paths.constants, constants));
+        return SyncFolder(directory_.JobFolder(task.job_id));
       };
       if (const absl::Status kept = keep(); !kept.ok()) return failed(kept);
       outcome.plan = *std::move(plan);
       return outcome;
     }
     case TaskKind::kIntervals:
+    case TaskKind::kRender:
       if (finished.size() != intervals.size()) {
         return failed(absl::InternalError(absl::StrFormat("depthtween-core ended well with %d of %d intervals done",
                                                           finished.size(), intervals.size())));

@@ -28,7 +28,7 @@ struct TaskOutcome {
 struct TaskEvents {
   std::function<void(std::string_view stage)> on_stage;
   std::function<void(int checked, int of)> on_checked;
-  // The frames of one interval are in the job's out folder, durable. An error stops the child.
+  // The frames of one interval, or their pictures, are in the job's out folder, durable. An error stops the child.
   std::function<absl::Status(const PlannedInterval& interval, double seconds)> on_interval;
 };
 
@@ -38,12 +38,16 @@ class TaskRunner {
   TaskRunner(const DataDirectory& directory, Store& store, const JobManagerOptions& options)
       : directory_(directory), store_(store), options_(options) {}
 
-  // Returns when the child has ended. `job_options` is for all but validate tasks.
+  // Returns when the child has ended. `job` is for all but validate tasks.
   // Threads: may be called concurrently, for different tasks. The child dies with the calling thread.
-  TaskOutcome Run(const Task& task, const UpsampleOptions& job_options, std::stop_token stop, const TaskEvents& events);
+  TaskOutcome Run(const Task& task, const JobRecord& job, std::stop_token stop, const TaskEvents& events);
 
  private:
-  absl::Status MoveInterval(const Task& task, const PlannedInterval& interval);
+  absl::Status MoveInterval(const Task& task, const JobRecord& job, const PlannedInterval& interval);
+  // Makes what later tasks find on the disk durable, before the plan is recorded.
+  absl::Status MakeResultFolders(const JobRecord& job);
+  // The plan of a job whose depth another one has, with that depth in its own result.
+  absl::StatusOr<JobPlan> TakeOverDepth(const JobRecord& job);
 
   const DataDirectory& directory_;
   Store& store_;

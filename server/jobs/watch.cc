@@ -104,7 +104,8 @@ std::unique_ptr<JobWatch> WatchHub::Watch(const JobView& now, std::string_view r
   return watch;
 }
 
-void WatchHub::Publish(JobEvent::Kind kind, const JobView& job, int first_frame, int frame_count) {
+void WatchHub::Publish(JobEvent::Kind kind, const JobView& job, int first_frame, int frame_count,
+                       std::string_view render) {
   const std::lock_guard lock(mutex_);
   Topic& topic = FindTopic(job);
   ++topic.number;
@@ -113,7 +114,8 @@ void WatchHub::Publish(JobEvent::Kind kind, const JobView& job, int first_frame,
                           .kind = kind,
                           .job = job,
                           .first_frame = first_frame,
-                          .frame_count = frame_count});
+                          .frame_count = frame_count,
+                          .render = std::string(render)});
   if (topic.recent.size() > kEventsKept) topic.recent.pop_front();
   Ring(topic);
   DropIfIdle(topics_.find(job.record.id));

@@ -37,6 +37,7 @@ struct JobEvent {
   JobView job;          // as of this event, whatever its kind
   int first_frame = 0;  // kFramesReady only: frames that may now be read
   int frame_count = 0;
+  std::string render;  // whose pictures they are; empty: depth, uncertainty and provenance
 };
 
 class WatchHub;
@@ -79,7 +80,8 @@ class WatchHub {
   std::unique_ptr<JobWatch> Watch(const JobView& now, std::string_view resume_token, std::function<void()> on_news);
 
   // A change of the job. Calls about one job must be made in the order of the changes.
-  void Publish(JobEvent::Kind kind, const JobView& job, int first_frame = 0, int frame_count = 0);
+  void Publish(JobEvent::Kind kind, const JobView& job, int first_frame = 0, int frame_count = 0,
+               std::string_view render = {});
   // Ids of the jobs that somebody watches.
   std::vector<std::string> WatchedJobs();
   // The job is gone: its watchers are told, its events forgotten.

@@ -9,6 +9,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "server/rpc/render_options.h"
 #include "server/rpc/status.h"
 #include "server/store/error_info.h"
 
@@ -169,13 +170,18 @@ absl::StatusOr<UploadIds> ParseUploadName(std::string_view field, std::string_vi
 absl::StatusOr<OutputIds> ParseOutputName(std::string_view field, std::string_view name) {
   ASSIGN_OR_RETURN(const std::vector<std::string> ids,
                    ParseName(field, name, {"jobs", "outputs"}, "jobs/{job}/outputs/{output}"));
+  return OutputIds{ids[0], ids[1]};
+}
+
+absl::StatusOr<OutputSpec> FindOutput(const JobRecord& job, std::string_view output_id) {
   std::string known;
-  for (const OutputSpec& output : AllOutputs()) {
-    if (output.id == ids[1]) return OutputIds{ids[0], &output};
-    absl::StrAppend(&known, known.empty() ? "" : ", ", View(output.id));
+  for (const OutputSpec& output : OutputsOf(job.renders)) {
+    if (output.id == output_id) return output;
+    absl::StrAppend(&known, known.empty() ? "" : ", ", output.id);
   }
-  return WithErrorInfo(absl::NotFoundError(absl::StrCat("there is no output \"", ids[1], "\"; a job has: ", known)),
-                       {.reason = "NO_SUCH_RESOURCE", .metadata = {{"resource", OutputName(ids[0], ids[1])}}});
+  return WithErrorInfo(
+      absl::NotFoundError(absl::StrCat("there is no output \"", View(output_id), "\"; this job has: ", known)),
+      {.reason = "NO_SUCH_RESOURCE", .metadata = {{"resource", OutputName(job.id, output_id)}}});
 }
 
 absl::StatusOr<SequenceFilter> ParseSequenceFilter(std::string_view filter) {
@@ -230,6 +236,24 @@ absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
                         absl::StrCat("= ", options.threads(), ", must be >= 0 (0 means that the server decides)"));
   }
   result.threads = options.threads();
+  return result;
+}
+
+absl::StatusOr<NewJob> Decode(const v1::Job& job) {
+  NewJob result = {.display_name = job.display_name()};
+  ASSIGN_OR_RETURN(result.sequence_id, ParseSequenceName("job.sequence", job.sequence()));
+  ASSIGN_OR_RETURN(result.options, Decode(job.options()));
+  if (job.renders_size() > kMaxRenders) {
+    return InvalidField("job.renders",
+                        absl::StrCat("has ", job.renders_size(), " elements, must have at most ", kMaxRenders));
+  }
+  for (int i = 0; i < job.renders_size(); ++i) {
+    ASSIGN_OR_RETURN(result.renders.emplace_back().options,
+                     RenderToJson(absl::StrCat("job.renders[", i, "]"), job.renders(i)));
+  }
+  if (!job.depth_from().empty()) {
+    ASSIGN_OR_RETURN(result.depth_from, ParseJobName("job.depth_from", job.depth_from()));
+  }
   return result;
 }
 
@@ -300,6 +324,8 @@ v1::Progress Encode(const Progress& progress) {
   message.set_intervals_total(progress.intervals_total);
   message.set_frames_done(progress.frames_done);
   message.set_frames_total(progress.frames_total);
+  message.set_rendered_frames_done(progress.rendered_frames_done);
+  message.set_rendered_frames_total(progress.rendered_frames_total);
   message.set_fraction(progress.fraction);
   if (progress.eta) {
     v1::Progress::Eta* eta = message.mutable_eta();
@@ -309,6 +335,8 @@ v1::Progress Encode(const Progress& progress) {
     eta->set_seconds_per_interval(progress.eta->seconds_per_interval);
     eta->set_measured_intervals(progress.eta->measured_intervals);
     eta->set_workers(progress.eta->workers);
+    eta->set_seconds_per_rendered_frame(progress.eta->seconds_per_rendered_frame);
+    eta->set_measured_rendered_frames(progress.eta->measured_rendered_frames);
   }
   if (progress.queue_position) message.set_queue_position(*progress.queue_position);
   return message;
@@ -321,6 +349,12 @@ v1::Job Encode(const JobView& job) {
   message.set_display_name(record.display_name);
   message.set_sequence(SequenceName(record.sequence_id));
   *message.mutable_options() = Encode(record.options);
+  for (const RenderRecord& render : record.renders) {
+    v1::RenderOptions* added = message.add_renders();
+    *added = RenderFromJson(render.options);
+    added->set_name(render.name);
+  }
+  if (!record.depth_from.empty()) message.set_depth_from(JobName(record.depth_from));
   message.set_state(Encode(record.state));
   message.set_attempt(record.attempt);
   if (!record.error.ok()) {
@@ -357,6 +391,7 @@ v1::JobEvent Encode(const JobEvent& event) {
       v1::JobEvent::FramesReady* frames = message.mutable_frames_ready();
       frames->set_first_frame(event.first_frame);
       frames->set_frame_count(event.frame_count);
+      frames->set_render(event.render);
       *frames->mutable_progress() = Encode(event.job.progress);
       break;
     }

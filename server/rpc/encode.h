@@ -35,11 +35,11 @@ struct UploadIds {
 };
 absl::StatusOr<UploadIds> ParseUploadName(std::string_view field, std::string_view name);
 struct OutputIds {
-  std::string job_id;
-  const OutputSpec* output;
+  std::string job_id, output_id;
 };
-// NotFound if jobs have no such output.
 absl::StatusOr<OutputIds> ParseOutputName(std::string_view field, std::string_view name);
+// NotFound if the job has no such output; says which it has.
+absl::StatusOr<OutputSpec> FindOutput(const JobRecord& job, std::string_view output_id);
 
 // ---- lists ----
 
@@ -52,6 +52,8 @@ absl::StatusOr<PageRequest> ParsePage(int page_size, std::string_view page_token
 // ---- values ----
 
 absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options);
+// What CreateJob is asked for.
+absl::StatusOr<NewJob> Decode(const v1::Job& job);
 
 google::protobuf::Timestamp Encode(absl::Time time);
 v1::Camera Encode(const Camera& camera);

@@ -63,7 +63,8 @@ absl::Status FileStream::Open() {
     return InvalidField("read_limit", absl::StrFormat("= %d, must be >= 0 (0 means all)", request_.read_limit()));
   }
   ASSIGN_OR_RETURN(const JobView job, jobs_.Get(ids.job_id));
-  if (ids.output->frames) {
+  ASSIGN_OR_RETURN(const OutputSpec output, FindOutput(job.record, ids.output_id));
+  if (output.frames) {
     return WithErrorInfo(
         absl::FailedPreconditionError(absl::StrFormat("%s is made of frames, use StreamFrames", request_.name())),
         {.reason = "NOT_A_FILE", .metadata = {{"resource", request_.name()}}});
@@ -74,7 +75,7 @@ absl::Status FileStream::Open() {
                              "%s can be read once the job has SUCCEEDED, it is %s", request_.name(), state)),
                          {.reason = "WRONG_STATE", .metadata = {{"state", state}, {"resource", JobName(ids.job_id)}}});
   }
-  path_ = jobs_.OutputFile(ids.job_id, ids.output->kind);
+  path_ = jobs_.OutputFile(ids.job_id, output);
   ASSIGN_OR_RETURN(size_bytes_, FileSize(path_));
   if (request_.read_offset() > size_bytes_) {
     return WithErrorInfo(absl::OutOfRangeError(absl::StrFormat("read_offset = %d, the output has %d bytes",

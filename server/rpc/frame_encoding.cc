@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
+#include "core/io/jpeg.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
 
@@ -56,13 +57,16 @@ absl::StatusOr<std::string> Compress(const std::string& bytes) {
 
 }  // namespace
 
-std::vector<v1::Encoding> EncodingsOf(OutputKind kind) {
-  switch (kind) {
+std::vector<v1::Encoding> EncodingsOf(const OutputSpec& output) {
+  switch (output.kind) {
     case OutputKind::kDepth:
     case OutputKind::kUncertainty:
       return {v1::ENCODING_PNG, v1::ENCODING_RAW, v1::ENCODING_RAW_ZSTD, v1::ENCODING_F32, v1::ENCODING_F32_ZSTD};
     case OutputKind::kProvenance:
       return {v1::ENCODING_PNG, v1::ENCODING_RAW, v1::ENCODING_RAW_ZSTD};
+    case OutputKind::kPictures:
+      if (output.extension == "jpg") return {v1::ENCODING_JPEG};
+      return {v1::ENCODING_PNG, v1::ENCODING_JPEG};
     default:
       return {};
   }
@@ -72,30 +76,36 @@ uint32_t InvalidValueOf(OutputKind kind) {
   return kind == OutputKind::kUncertainty ? kUnknownSigmaUnits : kUnknownDepthUnits;
 }
 
-absl::StatusOr<std::string> EncodeFrame(std::string png, OutputKind kind, v1::Encoding encoding,
+absl::StatusOr<std::string> EncodeFrame(std::string stored, const OutputSpec& output, v1::Encoding encoding,
                                         double units_per_metre) {
+  const OutputKind kind = output.kind;
   switch (encoding) {
     case v1::ENCODING_RAW:
-      return RawIntegers(png, kind);
+      return RawIntegers(stored, kind);
     case v1::ENCODING_RAW_ZSTD: {
-      ASSIGN_OR_RETURN(const std::string raw, RawIntegers(png, kind));
+      ASSIGN_OR_RETURN(const std::string raw, RawIntegers(stored, kind));
       return Compress(raw);
     }
     case v1::ENCODING_F32:
-      return Metres(png, kind, units_per_metre);
+      return Metres(stored, kind, units_per_metre);
     case v1::ENCODING_F32_ZSTD: {
-      ASSIGN_OR_RETURN(const std::string metres, Metres(png, kind, units_per_metre));
+      ASSIGN_OR_RETURN(const std::string metres, Metres(stored, kind, units_per_metre));
       return Compress(metres);
     }
+    case v1::ENCODING_JPEG: {
+      if (output.extension == "jpg") return stored;
+      ASSIGN_OR_RETURN(const Image<Rgb8> picture, DecodePngRgb8(stored));
+      return EncodeJpeg(picture);
+    }
     default:
-      return png;
+      return stored;
   }
 }
 
-int64_t FrameMemoryBytes(int64_t pixels) {
-  // The largest moment is the decoding of floats: the file (at most 2 bytes a pixel), the integers (2), the metres as
-  // an image and as bytes (4 each).
-  return pixels * 12;
+int64_t FrameMemoryBytes(const OutputSpec& output, int64_t pixels) {
+  // The largest moment of depth is the decoding of floats: the file (at most 2 bytes a pixel), the integers (2), the
+  // metres as an image and as bytes (4 each). Of pictures, which may hold two eyes: PNG, pixels and JPEG.
+  return pixels * (output.kind == OutputKind::kPictures ? 2 * 12 : 12);
 }
 
 }  // namespace depthtween::server

@@ -12,19 +12,19 @@
 
 namespace depthtween::server {
 
-// What StreamFrames can be asked for; empty for an output that is not made of frames.
-std::vector<v1::Encoding> EncodingsOf(OutputKind kind);
+// What StreamFrames can be asked for, first as it is stored; empty for an output that is not made of frames.
+std::vector<v1::Encoding> EncodingsOf(const OutputSpec& output);
 
 // The stored value that means unknown.
 uint32_t InvalidValueOf(OutputKind kind);
 
-// `png` is the stored file; `encoding` one of EncodingsOf(kind). Lossless: every encoding decodes to the same numbers.
-// Errors: DataLoss if the stored file is damaged.
-absl::StatusOr<std::string> EncodeFrame(std::string png, OutputKind kind, v1::Encoding encoding,
+// `stored` is the stored file; `encoding` one of EncodingsOf(output). Every encoding but JPEG decodes to the same
+// numbers. Errors: DataLoss if the stored file is damaged.
+absl::StatusOr<std::string> EncodeFrame(std::string stored, const OutputSpec& output, v1::Encoding encoding,
                                         double units_per_metre);
 
-// The most memory that EncodeFrame and its result take, for a frame of that many pixels.
-int64_t FrameMemoryBytes(int64_t pixels);
+// The most memory that EncodeFrame and its result take, for a recording with frames of that many pixels.
+int64_t FrameMemoryBytes(const OutputSpec& output, int64_t pixels);
 
 }  // namespace depthtween::server
 

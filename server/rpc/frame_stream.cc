@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <limits>
-#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_format.h"
 #include "core/io/file.h"
-#include "proto/depthtween/crc32c.h"
 #include "server/rpc/encode.h"
 #include "server/rpc/frame_encoding.h"
 #include "server/rpc/status.h"
@@ -17,8 +15,7 @@
 namespace depthtween::server {
 namespace {
 
-constexpr size_t kChunkBytes = 256 << 10;  // a small part of the 4 MiB of a message; larger ones gain nothing
-constexpr int kFramesPerLookup = 64;       // one look into the store serves this many frames
+constexpr int kFramesPerLookup = 64;  // one look into the store serves this many frames
 
 }  // namespace
 
@@ -40,14 +37,14 @@ FrameStream::FrameStream(CallRuntime& runtime, grpc::CallbackServerContext* cont
 FrameStream::~FrameStream() { memory_.Give(memory_taken_); }
 
 absl::StatusOr<FrameStream::Next> FrameStream::Produce() {
-  if (output_ == nullptr) RETURN_IF_ERROR(Open());
-  if (sent_ == bytes_.size()) {
+  if (!output_) RETURN_IF_ERROR(Open());
+  if (chunks_.empty()) {
     RETURN_IF_ERROR(CatchUp());
     ASSIGN_OR_RETURN(const std::optional<FrameRecord> frame, NextReady());
     if (!frame) return EndOrWait();
     RETURN_IF_ERROR(Load(*frame));
   }
-  FillChunk();
+  chunks_.Fill(message());
   return Next::kMessage;
 }
 
@@ -63,28 +60,29 @@ absl::Status FrameStream::Open() {
   if (request_.stride() < 0) {
     return InvalidField("stride", absl::StrFormat("= %d, must be >= 0 (0 means 1)", request_.stride()));
   }
-  if (request_.encoding() != v1::ENCODING_UNSPECIFIED) encoding_ = request_.encoding();
-  const std::vector<v1::Encoding> encodings = EncodingsOf(ids.output->kind);
-  if (ids.output->frames && std::find(encodings.begin(), encodings.end(), encoding_) == encodings.end()) {
-    return InvalidField("encoding", absl::StrFormat("= %d, must be one that ListOutputs offers for %s",
-                                                    static_cast<int>(encoding_), request_.name()));
-  }
   ASSIGN_OR_RETURN(const JobView job, jobs_.Get(ids.job_id));
   job_ = job.record;
   job_id_ = ids.job_id;
-  if (!ids.output->frames) {
+  ASSIGN_OR_RETURN(const OutputSpec output, FindOutput(job_, ids.output_id));
+  if (!output.frames) {
     return WithErrorInfo(
         absl::FailedPreconditionError(absl::StrFormat("%s is one file, use ReadOutput", request_.name())),
         {.reason = "NOT_FRAMES", .metadata = {{"resource", request_.name()}}});
   }
+  const std::vector<v1::Encoding> encodings = EncodingsOf(output);
+  encoding_ = request_.encoding() == v1::ENCODING_UNSPECIFIED ? encodings.front() : request_.encoding();
+  if (std::find(encodings.begin(), encodings.end(), encoding_) == encodings.end()) {
+    return InvalidField("encoding", absl::StrFormat("= %d, must be one that ListOutputs offers for %s",
+                                                    static_cast<int>(encoding_), request_.name()));
+  }
   const Camera& camera = job_.recording.camera;
-  const int64_t bytes = FrameMemoryBytes(int64_t{camera.width} * camera.height);
+  const int64_t bytes = FrameMemoryBytes(output, int64_t{camera.width} * camera.height);
   if (!memory_.Take(bytes)) return ServerBusy("the streams of frames that are open leave no memory for another");
   memory_taken_ = bytes;
   if (request_.follow()) {
     ASSIGN_OR_RETURN(watch_, jobs_.Watch(job_id_, /*resume_token=*/"", Waker()));
   }
-  output_ = ids.output;
+  output_ = output;
   return absl::OkStatus();
 }
 
@@ -99,7 +97,8 @@ absl::StatusOr<std::optional<FrameRecord>> FrameStream::NextReady() {
   if (AtEndFrame()) return std::nullopt;
   while (!upcoming_.empty() && upcoming_.front().index < next_frame_) upcoming_.pop_front();
   if (upcoming_.empty()) {
-    ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, jobs_.Frames(job_id_, next_frame_, kFramesPerLookup));
+    ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
+                     jobs_.Frames(job_id_, next_frame_, kFramesPerLookup, output_->render));
     for (const FrameRecord& frame : frames) {
       // Up to the first that is missing: frames leave in order.
       if (!frame.ready) break;
@@ -131,51 +130,29 @@ absl::StatusOr<FrameStream::Next> FrameStream::EndOrWait() const {
 }
 
 absl::Status FrameStream::Load(const FrameRecord& frame) {
-  std::string().swap(bytes_);  // the frame before has left; there is memory for one
-  sent_ = 0;
-  absl::StatusOr<std::string> png = ReadFile(jobs_.FrameFile(job_id_, output_->kind, frame.stem));
-  if (absl::IsNotFound(png.status())) {
+  chunks_.Clear();  // the frame before has left; there is memory for one
+  absl::StatusOr<std::string> stored = ReadFile(jobs_.FrameFile(job_id_, *output_, frame.stem));
+  if (absl::IsNotFound(stored.status())) {
     // A job that is being deleted says so itself; a file that is gone otherwise is damage.
     RETURN_IF_ERROR(jobs_.Get(job_id_).status());
     return absl::DataLossError(absl::StrFormat("frame %d is recorded, but its file is gone", frame.index));
   }
-  RETURN_IF_ERROR(png.status());
-  const double units_per_metre = output_->kind == OutputKind::kProvenance ? 0.0 : job_.recording.depth_scale;
-  absl::StatusOr<std::string> bytes = EncodeFrame(*std::move(png), output_->kind, encoding_, units_per_metre);
+  RETURN_IF_ERROR(stored.status());
+  const bool metric = output_->kind == OutputKind::kDepth || output_->kind == OutputKind::kUncertainty;
+  const double units_per_metre = metric ? job_.recording.depth_scale : 0.0;
+  absl::StatusOr<std::string> bytes = EncodeFrame(*std::move(stored), *output_, encoding_, units_per_metre);
   if (!bytes.ok()) return WithContext(bytes.status(), absl::StrFormat("stored frame %d", frame.index));
-  bytes_ = *std::move(bytes);
-  frame_ = frame.index;
   next_frame_ = static_cast<int>(std::min<int64_t>(int64_t{frame.index} + stride_, std::numeric_limits<int>::max()));
 
-  header_.set_time_ns(frame.time_ns);
-  header_.set_stem(frame.stem);
-  header_.set_encoding(encoding_);
-  header_.set_size_bytes(static_cast<int64_t>(bytes_.size()));
-  header_.set_crc32c(Crc32c(bytes_));
-  *header_.mutable_camera() = Encode(job_.recording.camera);
-  header_.set_units_per_metre(units_per_metre);
-  header_.set_invalid_value(InvalidValueOf(output_->kind));
+  v1::FrameHeader header;
+  header.set_time_ns(frame.time_ns);
+  header.set_stem(frame.stem);
+  header.set_encoding(encoding_);
+  *header.mutable_camera() = Encode(job_.recording.camera);
+  header.set_units_per_metre(units_per_metre);
+  header.set_invalid_value(InvalidValueOf(output_->kind));
+  chunks_.Load(frame.index, std::move(header), *std::move(bytes), next_frame_);
   return absl::OkStatus();
-}
-
-void FrameStream::FillChunk() {
-  v1::FrameChunk& chunk = message();
-  if (sent_ == 0) {
-    *chunk.mutable_header() = header_;
-  } else {
-    chunk.clear_header();
-  }
-  const std::string_view data = std::string_view(bytes_).substr(sent_, kChunkBytes);
-  chunk.set_frame(frame_);
-  chunk.set_offset(static_cast<int64_t>(sent_));
-  chunk.set_data(data.data(), data.size());
-  chunk.set_crc32c(Crc32c(data));
-  sent_ += data.size();
-  if (sent_ == bytes_.size()) {
-    chunk.set_next_frame(next_frame_);
-  } else {
-    chunk.clear_next_frame();
-  }
 }
 
 }  // namespace depthtween::server

@@ -13,6 +13,7 @@
 
 #include "depthtween/v1/output.pb.h"
 #include "server/jobs/job_manager.h"
+#include "server/rpc/frame_chunks.h"
 #include "server/rpc/server_stream.h"
 
 namespace depthtween::server {
@@ -47,7 +48,6 @@ class FrameStream : public ServerStream<v1::FrameChunk> {
   // The next frame wanted if it can be read now. nullopt if there is none (yet).
   absl::StatusOr<std::optional<FrameRecord>> NextReady();
   absl::Status Load(const FrameRecord& frame);
-  void FillChunk();
   bool AtEndFrame() const;
   // How the stream ends when no further frame can be read.
   absl::StatusOr<Next> EndOrWait() const;
@@ -58,18 +58,15 @@ class FrameStream : public ServerStream<v1::FrameChunk> {
   const int stride_;
 
   std::string job_id_;
-  const OutputSpec* output_ = nullptr;
-  v1::Encoding encoding_ = v1::ENCODING_PNG;
+  std::optional<OutputSpec> output_;
+  v1::Encoding encoding_ = v1::ENCODING_UNSPECIFIED;
   JobRecord job_;
   int64_t memory_taken_ = 0;
   std::unique_ptr<JobWatch> watch_;
 
   int next_frame_;                    // the first one not yet loaded
   std::deque<FrameRecord> upcoming_;  // ready ones from next_frame_ on, read from the store in one go
-  std::string bytes_;                 // the frame being sent, encoded
-  size_t sent_ = 0;                   // how much of it
-  v1::FrameHeader header_;
-  int frame_ = 0;
+  FrameChunks chunks_;                // of the frame being sent
 };
 
 }  // namespace depthtween::server

@@ -82,10 +82,7 @@ class JobService : public v1::JobService::CallbackService {
   ServerUnaryReactor* CreateJob(CallbackServerContext* context, const v1::CreateJobRequest* request,
                                 v1::Job* response) override {
     return runtime_.Unary(context, "CreateJob", request->job().sequence(), [=, this]() -> absl::Status {
-      NewJob job;
-      job.display_name = request->job().display_name();
-      ASSIGN_OR_RETURN(job.sequence_id, ParseSequenceName("job.sequence", request->job().sequence()));
-      ASSIGN_OR_RETURN(job.options, Decode(request->job().options()));
+      ASSIGN_OR_RETURN(const NewJob job, Decode(request->job()));
       ASSIGN_OR_RETURN(const JobView view, jobs_.Create(job, request->request_id(), request->validate_only()));
       *response = Encode(view);
       return absl::OkStatus();

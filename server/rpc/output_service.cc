@@ -8,6 +8,7 @@
 #include "server/rpc/encode.h"
 #include "server/rpc/file_stream.h"
 #include "server/rpc/frame_encoding.h"
+#include "server/rpc/frame_render_stream.h"
 #include "server/rpc/frame_stream.h"
 
 namespace depthtween::server {
@@ -25,19 +26,20 @@ class OutputService : public v1::OutputService::CallbackService {
     return runtime_.Unary(context, "ListOutputs", request->parent(), [=, this]() -> absl::Status {
       ASSIGN_OR_RETURN(const std::string job_id, ParseJobName("parent", request->parent()));
       ASSIGN_OR_RETURN(const JobView job, jobs_.Get(job_id));
-      for (const OutputSpec& spec : AllOutputs()) {
+      for (const OutputSpec& spec : OutputsOf(job.record.renders)) {
         v1::Output* output = response->add_outputs();
         output->set_name(OutputName(job_id, spec.id));
         if (spec.frames) {
           output->set_kind(v1::Output::KIND_FRAMES);
-          for (const v1::Encoding encoding : EncodingsOf(spec.kind)) output->add_encodings(encoding);
-          output->set_frames_ready(job.record.frames_done);
+          for (const v1::Encoding encoding : EncodingsOf(spec)) output->add_encodings(encoding);
+          output->set_frames_ready(spec.render < 0 ? job.record.frames_done
+                                                   : job.record.renders[spec.render].frames_done);
           output->set_frame_count(job.record.frames_total);
         } else {
           output->set_kind(v1::Output::KIND_FILE);
-          output->set_file_name(std::string(spec.file_name));
+          output->set_file_name(spec.file_name);
           if (job.record.state == JobState::kSucceeded) {
-            ASSIGN_OR_RETURN(const int64_t size_bytes, FileSize(jobs_.OutputFile(job_id, spec.kind)));
+            ASSIGN_OR_RETURN(const int64_t size_bytes, FileSize(jobs_.OutputFile(job_id, spec)));
             output->set_ready(true);
             output->set_size_bytes(size_bytes);
           }
@@ -50,6 +52,11 @@ class OutputService : public v1::OutputService::CallbackService {
   grpc::ServerWriteReactor<v1::FrameChunk>* StreamFrames(CallbackServerContext* context,
                                                          const v1::StreamFramesRequest* request) override {
     return LaunchStream<FrameStream>(runtime_, context, jobs_, frame_memory_, *request);
+  }
+
+  grpc::ServerWriteReactor<v1::FrameChunk>* RenderFrame(CallbackServerContext* context,
+                                                        const v1::RenderFrameRequest* request) override {
+    return LaunchStream<FrameRenderStream>(runtime_, context, jobs_, *request);
   }
 
   grpc::ServerWriteReactor<v1::ReadOutputResponse>* ReadOutput(CallbackServerContext* context,

@@ -11,9 +11,7 @@
 //
 // Reasons that arise here, beside those of store/error_info.h, with their metadata:
 //   SERVER_STOPPING            UNAVAILABLE
-//   SERVER_BUSY                RESOURCE_EXHAUSTED
 //   NOT_FRAMES, NOT_A_FILE     FAILED_PRECONDITION   resource
-//   NO_SUCH_FRAME              OUT_OF_RANGE          frame_count
 //   BEYOND_END                 OUT_OF_RANGE          size_bytes
 //   JOB_FAILED, JOB_CANCELLED  ABORTED               resource, next_frame
 #ifndef DEPTHTWEEN_SERVER_RPC_STATUS_H_

@@ -22,6 +22,10 @@ namespace depthtween::server {
 //   DISK_FULL              ResourceExhausted
 //   WRONG_STATE            FailedPrecondition   state
 //   BAD_FIELD              InvalidArgument      field
+//   FRAME_NOT_READY        FailedPrecondition   frame
+//   SEQUENCE_GONE          FailedPrecondition   resource
+//   NO_SUCH_FRAME          OutOfRange           frame_count
+//   SERVER_BUSY            ResourceExhausted
 //   NO_SUCH_RESOURCE       NotFound             resource ("sequences/...", "jobs/...")
 struct ErrorInfo {
   std::string reason;

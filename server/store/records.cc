@@ -50,8 +50,20 @@ std::string_view ToString(TaskKind kind) {
       return "intervals";
     case TaskKind::kAssemble:
       return "assemble";
+    case TaskKind::kRender:
+      return "render";
   }
   return "unknown";
+}
+
+int JobRecord::RenderedFramesDone() const {
+  int done = 0;
+  for (const RenderRecord& render : renders) done += render.frames_done;
+  return done;
+}
+
+bool JobRecord::IsComputed() const {
+  return intervals_total > 0 && intervals_done == intervals_total && RenderedFramesDone() == RenderedFramesTotal();
 }
 
 absl::Status UpsampleOptions::Validate() const {

@@ -99,10 +99,26 @@ struct UpsampleOptions {
   absl::Status Validate() const;
 };
 
+// A product that a job renders of every frame, as depthtween-core planned it from the options.
+struct RenderRecord {
+  std::string name;
+  std::string options;    // a JSON object, as depthtween-core reads it
+  int reach_frames = 0;   // a frame needs this many finished ones before and after it
+  int anchor_frame = -1;  // and all between itself and this one; -1: none
+  bool uses_motion = false;
+  std::vector<std::string> streams;  // a picture of every frame each, in <stream>/<stem>.<extension> of the result
+  std::string extension;             // png or jpg
+  std::vector<std::string> videos;   // files that `assemble` makes; none if no container was asked for
+  int frames_done = 0;               // stored and recorded
+  double seconds = 0.0;              // wall seconds, summed over them
+};
+
 struct NewJob {
   std::string display_name;
   std::string sequence_id;
   UpsampleOptions options;
+  std::vector<RenderRecord> renders;
+  std::string depth_from;  // id of a job that has this depth already; empty: compute it
 };
 
 struct JobRecord {
@@ -111,6 +127,8 @@ struct JobRecord {
   std::string display_name;
   std::string sequence_id;
   UpsampleOptions options;
+  std::vector<RenderRecord> renders;
+  std::string depth_from;
   Recording recording;  // of the sequence when the job was made: it may be deleted later
   JobState state = JobState::kQueued;
   int attempt = 1;
@@ -124,6 +142,12 @@ struct JobRecord {
   int frames_total = 0;
   double interval_seconds = 0.0;      // wall seconds, summed over the intervals done
   std::optional<int> queue_position;  // jobs ahead, while kQueued
+
+  // Over all renders.
+  int RenderedFramesDone() const;
+  int RenderedFramesTotal() const { return frames_total * static_cast<int>(renders.size()); }
+  // Every frame is there, and every picture of it.
+  bool IsComputed() const;
 };
 
 // ---- work ----
@@ -145,16 +169,17 @@ struct PlannedFrame {
 struct JobPlan {
   std::vector<PlannedInterval> intervals;
   std::vector<PlannedFrame> frames;
+  bool depth_done = false;  // it was taken over from another job
 };
 
 struct FrameRecord {
   int index = 0;
   int64_t time_ns = 0;
   std::string stem;
-  bool ready = false;  // its interval is done: its files are durable and may be read
+  bool ready = false;  // its interval is done, or that part of its render: its files are durable and may be read
 };
 
-enum class TaskKind { kValidate = 1, kPrepare = 2, kIntervals = 3, kAssemble = 4 };
+enum class TaskKind { kValidate = 1, kPrepare = 2, kIntervals = 3, kAssemble = 4, kRender = 5 };
 
 // "validate" and so on: the argument of `depthtween-core task`.
 std::string_view ToString(TaskKind kind);
@@ -166,9 +191,10 @@ struct Task {
   TaskKind kind = TaskKind::kValidate;
   std::string sequence_id;
   std::string job_id;      // empty for kValidate
-  int first_interval = 0;  // kIntervals only
+  int first_interval = 0;  // kIntervals and kRender
   int interval_count = 0;
-  int failures = 0;  // of earlier attempts (for kIntervals: at its first interval)
+  int render = 0;    // kRender only: into JobRecord::renders
+  int failures = 0;  // of earlier attempts (for kIntervals and kRender: at its first interval)
 };
 
 }  // namespace depthtween::server

@@ -84,6 +84,30 @@ std::string ToJson(const ValidationResult& result) {
   return Dump(value);
 }
 
+std::string ToJson(const RenderRecord& render) {
+  return Dump({{"name", render.name},
+               {"options", render.options},
+               {"reach_frames", render.reach_frames},
+               {"anchor_frame", render.anchor_frame},
+               {"uses_motion", render.uses_motion},
+               {"streams", render.streams},
+               {"extension", render.extension},
+               {"videos", render.videos}});
+}
+
+absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text) {
+  return Parse<RenderRecord>(text, [](const json& value) {
+    return RenderRecord{.name = value.at("name"),
+                        .options = value.at("options"),
+                        .reach_frames = value.at("reach_frames"),
+                        .anchor_frame = value.at("anchor_frame"),
+                        .uses_motion = value.at("uses_motion"),
+                        .streams = value.at("streams").get<std::vector<std::string>>(),
+                        .extension = value.at("extension"),
+                        .videos = value.at("videos").get<std::vector<std::string>>()};
+  });
+}
+
 absl::StatusOr<Recording> RecordingFromJson(const std::string& text) { return Parse<Recording>(text, ToRecording); }
 
 absl::StatusOr<ValidationResult> ValidationResultFromJson(const std::string& text) {

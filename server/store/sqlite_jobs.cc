@@ -14,7 +14,7 @@ constexpr char kJobColumns[] =
     "SELECT id, number, display_name, sequence_id, method, key_every, threads, recording, state, attempt, error_code, "
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, "
-    "interval_seconds, "
+    "interval_seconds, depth_from, "
     "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
@@ -27,6 +27,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .display_name = row.Text(2),
                    .sequence_id = row.Text(3),
                    .options = {.method = row.Text(4), .key_every = row.Int(5), .threads = row.Int(6)},
+                   .depth_from = row.Text(20),
                    .state = static_cast<JobState>(row.Int(8)),
                    .attempt = row.Int(9),
                    .error = absl::Status(static_cast<absl::StatusCode>(row.Int(10)), row.Text(11)),
@@ -38,7 +39,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(20);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(21);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
   return job;
 }
@@ -47,6 +48,9 @@ std::string Fingerprint(const NewJob& job) {
   Sha256 hash;
   hash.Update(absl::StrCat(job.sequence_id, "\n", job.options.method, "\n", job.options.key_every, "\n",
                            job.options.threads, "\n", job.display_name));
+  // Jobs without renders keep the fingerprint they had before there were any.
+  if (!job.depth_from.empty()) hash.Update(absl::StrCat("\ndepth_from ", job.depth_from));
+  for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
   return Hex(hash.Finish());
 }
 
@@ -63,7 +67,43 @@ absl::StatusOr<JobRecord> SqliteStore::ReadJob(int64_t number) {
   static const std::string sql = std::string(kJobColumns) + "WHERE number = ?";
   absl::StatusOr<JobRecord> job = absl::InternalError(absl::StrCat("database: no job ", number));
   RETURN_IF_ERROR(database_->Run(sql.c_str(), {number}, [&job](const SqlRow& row) { job = ToJob(row); }));
+  if (job.ok()) RETURN_IF_ERROR(ReadRenders(*job));
   return job;
+}
+
+absl::Status SqliteStore::ReadRenders(JobRecord& job) {
+  absl::Status damage;
+  RETURN_IF_ERROR(database_->Run("SELECT plan, frames_done, seconds FROM renders WHERE job = ? ORDER BY idx",
+                                 {job.number}, [&](const SqlRow& row) {
+                                   absl::StatusOr<RenderRecord> render = RenderRecordFromJson(row.Text(0));
+                                   damage.Update(render.status());
+                                   if (!render.ok()) return;
+                                   render->frames_done = row.Int(1);
+                                   render->seconds = row.Real(2);
+                                   job.renders.push_back(*std::move(render));
+                                 }));
+  return damage;
+}
+
+absl::Status SqliteStore::CheckDepthFrom(const NewJob& job) {
+  if (job.renders.empty()) {
+    return BadField("job.depth_from",
+                    "job.depth_from takes depth over to render from it, and this job has no renders: name some");
+  }
+  ASSIGN_OR_RETURN(const int64_t number, JobNumber(job.depth_from));
+  ASSIGN_OR_RETURN(const JobRecord from, ReadJob(number));
+  const std::string name = "jobs/" + job.depth_from;
+  if (from.state != JobState::kSucceeded) {
+    return WrongState(ToString(from.state), absl::StrCat(name, " is ", std::string(ToString(from.state)),
+                                                         ", must be SUCCEEDED before its depth can be taken over"));
+  }
+  if (from.sequence_id != job.sequence_id || from.options.method != job.options.method ||
+      from.options.key_every != job.options.key_every) {
+    return BadField(
+        "job.depth_from",
+        absl::StrCat("job.depth_from = ", name, ", must have the sequence, the method and the key_every of this job"));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status SqliteStore::EndJob(int64_t number, JobState state, const absl::Status& error) {
@@ -88,6 +128,7 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
                         absl::StrCat("sequences/", job.sequence_id, " is ", std::string(ToString(sequence.state)),
                                      ", must be READY before a job can use it"));
     }
+    if (!job.depth_from.empty()) RETURN_IF_ERROR(CheckDepthFrom(job));
     ASSIGN_OR_RETURN(const std::optional<int64_t> queued,
                      database_->Number("SELECT count(*) FROM jobs WHERE state = 1"));
     if (*queued >= limits_.max_queued_jobs) {
@@ -99,6 +140,8 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
       return JobRecord{.display_name = job.display_name,
                        .sequence_id = job.sequence_id,
                        .options = job.options,
+                       .renders = job.renders,
+                       .depth_from = job.depth_from,
                        .recording = *sequence.validation.recording,
                        .create_time = now,
                        .start_time = absl::InfiniteFuture(),
@@ -108,11 +151,15 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
-        "create_time_us) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "create_time_us, depth_from) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
-         job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now)}));
+         job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from}));
     const int64_t number = database_->LastInsertedRow();
+    for (size_t i = 0; i < job.renders.size(); ++i) {
+      RETURN_IF_ERROR(
+          database_->Run("INSERT INTO renders (job, idx, plan) VALUES (?, ?, ?)", {number, i, ToJson(job.renders[i])}));
+    }
     RETURN_IF_ERROR(AddTask(TaskKind::kPrepare, number, /*failures=*/0));
     RETURN_IF_ERROR(RememberRequest(kJobScope, request_id, fingerprint, id));
     return ReadJob(number);
@@ -148,6 +195,7 @@ absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const JobFilter& filter, c
       if (job.ok()) result.items.push_back(*std::move(job));
     }));
     RETURN_IF_ERROR(damage);
+    for (JobRecord& job : result.items) RETURN_IF_ERROR(ReadRenders(job));
     if (more) result.next_token = MakePageToken(result.items.back().number, list);
     return result;
   });
@@ -203,9 +251,10 @@ absl::StatusOr<JobRecord> SqliteStore::RetryJob(std::string_view id) {
         "end_time_us = NULL WHERE number = ?",
         {JobState::kQueued, number}));
     RETURN_IF_ERROR(database_->Run("UPDATE intervals SET failures = 0 WHERE job = ? AND failures > 0", {number}));
+    RETURN_IF_ERROR(database_->Run("UPDATE render_parts SET failures = 0 WHERE job = ? AND failures > 0", {number}));
     if (job.intervals_total == 0) {
       RETURN_IF_ERROR(AddTask(TaskKind::kPrepare, number, /*failures=*/0));
-    } else if (job.intervals_done == job.intervals_total) {
+    } else if (job.IsComputed()) {
       RETURN_IF_ERROR(AddTask(TaskKind::kAssemble, number, /*failures=*/0));
     }
     return ReadJob(number);
@@ -226,18 +275,22 @@ absl::StatusOr<std::vector<PlannedInterval>> SqliteStore::JobIntervals(std::stri
   });
 }
 
-absl::StatusOr<std::vector<FrameRecord>> SqliteStore::JobFrames(std::string_view id, int first, int count) {
+absl::StatusOr<std::vector<FrameRecord>> SqliteStore::JobFrames(std::string_view id, int first, int count, int render) {
   return Transact([&]() -> absl::StatusOr<std::vector<FrameRecord>> {
     ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
     std::vector<FrameRecord> frames;
-    RETURN_IF_ERROR(database_->Run(
-        "SELECT f.idx, f.time_ns, f.stem, i.done FROM frames f JOIN intervals i ON i.job = f.job AND i.idx = "
-        "f.interval "
-        "WHERE f.job = ? AND f.idx >= ? ORDER BY f.idx LIMIT ?",
-        {number, first, count}, [&frames](const SqlRow& row) {
-          frames.push_back(
-              {.index = row.Int(0), .time_ns = row.Int64(1), .stem = row.Text(2), .ready = row.Int(3) != 0});
-        }));
+    const auto on_row = [&frames](const SqlRow& row) {
+      frames.push_back({.index = row.Int(0), .time_ns = row.Int64(1), .stem = row.Text(2), .ready = row.Int(3) != 0});
+    };
+    RETURN_IF_ERROR(
+        render < 0 ? database_->Run("SELECT f.idx, f.time_ns, f.stem, i.done FROM frames f "
+                                    "JOIN intervals i ON i.job = f.job AND i.idx = f.interval "
+                                    "WHERE f.job = ? AND f.idx >= ? ORDER BY f.idx LIMIT ?",
+                                    {number, first, count}, on_row)
+                   : database_->Run("SELECT f.idx, f.time_ns, f.stem, p.done FROM frames f "
+                                    "JOIN render_parts p ON p.job = f.job AND p.interval = f.interval AND p.render = ? "
+                                    "WHERE f.job = ? AND f.idx >= ? ORDER BY f.idx LIMIT ?",
+                                    {render, number, first, count}, on_row));
     return frames;
   });
 }

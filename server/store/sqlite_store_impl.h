@@ -42,7 +42,7 @@ class SqliteStore : public Store {
   absl::StatusOr<JobRecord> CancelJob(std::string_view id) override;
   absl::StatusOr<JobRecord> RetryJob(std::string_view id) override;
   absl::StatusOr<std::vector<PlannedInterval>> JobIntervals(std::string_view id, int first, int count) override;
-  absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count) override;
+  absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count, int render) override;
 
   absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) override;
   absl::Status FinishValidation(int64_t task, const ValidationResult& result) override;
@@ -63,6 +63,7 @@ class SqliteStore : public Store {
     int failures = 0;
     int first_interval = 0;
     int interval_count = 0;
+    int render = 0;
   };
 
   // One transaction under the mutex.
@@ -88,9 +89,15 @@ class SqliteStore : public Store {
 
   absl::StatusOr<int64_t> JobNumber(std::string_view id);
   absl::StatusOr<JobRecord> ReadJob(int64_t number);
+  absl::Status ReadRenders(JobRecord& job);
+  // FailedPrecondition or InvalidArgument unless job.depth_from can give what `job` asks for.
+  absl::Status CheckDepthFrom(const NewJob& job);
   absl::Status EndJob(int64_t number, JobState state, const absl::Status& error);
 
   absl::Status AddTask(TaskKind kind, int64_t owner, int failures);
+  // Makes a task of up to `wanted` contiguous intervals of what comes first, and claims them for it. Its number.
+  absl::StatusOr<int64_t> TakeIntervals(int64_t job, int wanted);
+  absl::StatusOr<int64_t> TakeRenderParts(int64_t job, int wanted);
   // FailedPrecondition unless the task is running.
   absl::StatusOr<TaskRow> RunningTask(int64_t number);
   // Removes a task's row; the intervals it leaves undone may be claimed again.

@@ -1,5 +1,8 @@
 // Work: how it is claimed, recorded, and given back.
 #include <algorithm>
+#include <iterator>
+#include <limits>
+#include <utility>
 
 #include "absl/strings/str_format.h"
 #include "server/store/error_info.h"
@@ -7,6 +10,30 @@
 #include "server/store/sqlite_store_impl.h"
 
 namespace depthtween::server {
+namespace {
+
+// The first and the last interval that must be done before `interval` can be rendered. A plan's intervals follow one
+// another without gap.
+std::pair<int, int> IntervalsNeeded(const JobPlan& plan, const PlannedInterval& interval, const RenderRecord& render) {
+  int first = interval.first_frame - render.reach_frames;
+  int last = interval.first_frame + interval.frame_count - 1 + render.reach_frames;
+  if (render.anchor_frame >= 0) {
+    first = std::min(first, render.anchor_frame);
+    last = std::max(last, render.anchor_frame);
+  }
+  const auto interval_of = [&plan](int frame) {
+    const auto after =
+        std::upper_bound(plan.intervals.begin(), plan.intervals.end(), frame,
+                         [](int wanted, const PlannedInterval& candidate) { return wanted < candidate.first_frame; });
+    return after == plan.intervals.begin() ? 0 : std::prev(after)->index;
+  };
+  return {interval_of(first), interval_of(last)};
+}
+
+// Whether work of this kind is cut into intervals, which remember their own failures.
+bool IsCut(TaskKind kind) { return kind == TaskKind::kIntervals || kind == TaskKind::kRender; }
+
+}  // namespace
 
 absl::Status SqliteStore::AddTask(TaskKind kind, int64_t owner, int failures) {
   const bool validate = kind == TaskKind::kValidate;
@@ -17,7 +44,7 @@ absl::Status SqliteStore::AddTask(TaskKind kind, int64_t owner, int failures) {
 absl::StatusOr<SqliteStore::TaskRow> SqliteStore::RunningTask(int64_t number) {
   std::optional<TaskRow> task;
   RETURN_IF_ERROR(
-      database_->Run("SELECT number, kind, sequence, job, failures, first_interval, interval_count FROM tasks "
+      database_->Run("SELECT number, kind, sequence, job, failures, first_interval, interval_count, render FROM tasks "
                      "WHERE number = ? AND running = 1",
                      {number}, [&task](const SqlRow& row) {
                        task = TaskRow{.number = row.Int64(0),
@@ -26,7 +53,8 @@ absl::StatusOr<SqliteStore::TaskRow> SqliteStore::RunningTask(int64_t number) {
                                       .job = row.Int64(3),
                                       .failures = row.Int(4),
                                       .first_interval = row.Int(5),
-                                      .interval_count = row.Int(6)};
+                                      .interval_count = row.Int(6),
+                                      .render = row.Int(7)};
                      }));
   if (!task) return absl::FailedPreconditionError(absl::StrFormat("task %d is no longer running", number));
   return *task;
@@ -34,6 +62,7 @@ absl::StatusOr<SqliteStore::TaskRow> SqliteStore::RunningTask(int64_t number) {
 
 absl::Status SqliteStore::RemoveTask(int64_t number) {
   RETURN_IF_ERROR(database_->Run("UPDATE intervals SET task = NULL WHERE task = ?", {number}));
+  RETURN_IF_ERROR(database_->Run("UPDATE render_parts SET task = NULL WHERE task = ?", {number}));
   return database_->Run("DELETE FROM tasks WHERE number = ?", {number});
 }
 
@@ -53,26 +82,21 @@ absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batc
         database_->Number("SELECT number FROM jobs WHERE state IN (1, 2) AND EXISTS (SELECT 1 FROM intervals i "
                           "WHERE i.job = jobs.number AND i.done = 0 AND i.task IS NULL) "
                           "ORDER BY number LIMIT 1"));
-    if (job_with_intervals && (number == 0 || *job_with_intervals < job)) {
-      job = *job_with_intervals;
+    ASSIGN_OR_RETURN(
+        const std::optional<int64_t> job_with_pictures,
+        database_->Number("SELECT number FROM jobs WHERE state IN (1, 2) AND EXISTS (SELECT 1 FROM ready_parts p "
+                          "WHERE p.job = jobs.number) "
+                          "ORDER BY number LIMIT 1"));
+    constexpr int64_t kNone = std::numeric_limits<int64_t>::max();
+    const int64_t to_compute = job_with_intervals.value_or(kNone), to_render = job_with_pictures.value_or(kNone);
+    if (const int64_t oldest = std::min(to_compute, to_render); oldest != kNone && (number == 0 || oldest < job)) {
+      job = oldest;
       ASSIGN_OR_RETURN(const JobRecord record, ReadJob(job));
-      const int wanted = std::max(1, batch_size(record));
-      int first = 0, count = 0, failures = 0;
-      RETURN_IF_ERROR(database_->Run(
-          "SELECT idx, failures FROM intervals WHERE job = ? AND done = 0 AND task IS NULL ORDER BY idx LIMIT ?",
-          {job, wanted}, [&](const SqlRow& row) {
-            if (count == 0) {
-              first = row.Int(0);
-              failures = row.Int(1);
-            }
-            if (row.Int(0) == first + count) ++count;
-          }));
-      RETURN_IF_ERROR(database_->Run(
-          "INSERT INTO tasks (kind, job, failures, first_interval, interval_count) VALUES (?, ?, ?, ?, ?)",
-          {TaskKind::kIntervals, job, failures, first, count}));
-      number = database_->LastInsertedRow();
-      RETURN_IF_ERROR(database_->Run("UPDATE intervals SET task = ? WHERE job = ? AND idx >= ? AND idx < ?",
-                                     {number, job, first, first + count}));
+      if (to_render <= to_compute) {
+        ASSIGN_OR_RETURN(number, TakeRenderParts(job, std::max(1, batch_size(record, TaskKind::kRender))));
+      } else {
+        ASSIGN_OR_RETURN(number, TakeIntervals(job, std::max(1, batch_size(record, TaskKind::kIntervals))));
+      }
     }
     if (number == 0) return std::nullopt;
     RETURN_IF_ERROR(database_->Run("UPDATE tasks SET running = 1 WHERE number = ?", {number}));
@@ -81,6 +105,7 @@ absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batc
                  .kind = row.kind,
                  .first_interval = row.first_interval,
                  .interval_count = row.interval_count,
+                 .render = row.render,
                  .failures = row.failures};
     if (row.kind == TaskKind::kValidate) {
       RETURN_IF_ERROR(database_->Run("SELECT id FROM sequences WHERE number = ?", {row.sequence},
@@ -98,6 +123,48 @@ absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batc
   });
 }
 
+absl::StatusOr<int64_t> SqliteStore::TakeIntervals(int64_t job, int wanted) {
+  int first = 0, count = 0, failures = 0;
+  RETURN_IF_ERROR(database_->Run(
+      "SELECT idx, failures FROM intervals WHERE job = ? AND done = 0 AND task IS NULL ORDER BY idx LIMIT ?",
+      {job, wanted}, [&](const SqlRow& row) {
+        if (count == 0) {
+          first = row.Int(0);
+          failures = row.Int(1);
+        }
+        if (row.Int(0) == first + count) ++count;
+      }));
+  RETURN_IF_ERROR(
+      database_->Run("INSERT INTO tasks (kind, job, failures, first_interval, interval_count) VALUES (?, ?, ?, ?, ?)",
+                     {TaskKind::kIntervals, job, failures, first, count}));
+  const int64_t number = database_->LastInsertedRow();
+  RETURN_IF_ERROR(database_->Run("UPDATE intervals SET task = ? WHERE job = ? AND idx >= ? AND idx < ?",
+                                 {number, job, first, first + count}));
+  return number;
+}
+
+absl::StatusOr<int64_t> SqliteStore::TakeRenderParts(int64_t job, int wanted) {
+  int render = 0, first = 0, count = 0, failures = 0;
+  RETURN_IF_ERROR(
+      database_->Run("SELECT render, interval FROM ready_parts WHERE job = ? ORDER BY interval, render LIMIT 1", {job},
+                     [&](const SqlRow& row) { render = row.Int(0), first = row.Int(1); }));
+  RETURN_IF_ERROR(database_->Run(
+      "SELECT interval, failures FROM ready_parts WHERE job = ? AND render = ? AND interval >= ? ORDER BY interval "
+      "LIMIT ?",
+      {job, render, first, wanted}, [&](const SqlRow& row) {
+        if (count == 0) failures = row.Int(1);
+        if (row.Int(0) == first + count) ++count;
+      }));
+  RETURN_IF_ERROR(database_->Run(
+      "INSERT INTO tasks (kind, job, failures, first_interval, interval_count, render) VALUES (?, ?, ?, ?, ?, ?)",
+      {TaskKind::kRender, job, failures, first, count, render}));
+  const int64_t number = database_->LastInsertedRow();
+  RETURN_IF_ERROR(
+      database_->Run("UPDATE render_parts SET task = ? WHERE job = ? AND render = ? AND interval >= ? AND interval < ?",
+                     {number, job, render, first, first + count}));
+  return number;
+}
+
 absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {
   if (plan.intervals.empty() || plan.frames.empty()) {
     return absl::InvalidArgumentError("the plan has no intervals or no frames, must have both");
@@ -105,9 +172,9 @@ absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
     for (const PlannedInterval& interval : plan.intervals) {
-      RETURN_IF_ERROR(
-          database_->Run("INSERT INTO intervals (job, idx, first_frame, frame_count, held) VALUES (?, ?, ?, ?, ?)",
-                         {row.job, interval.index, interval.first_frame, interval.frame_count, interval.held}));
+      RETURN_IF_ERROR(database_->Run(
+          "INSERT INTO intervals (job, idx, first_frame, frame_count, held, done) VALUES (?, ?, ?, ?, ?, ?)",
+          {row.job, interval.index, interval.first_frame, interval.frame_count, interval.held, plan.depth_done}));
       for (int i = interval.first_frame; i < interval.first_frame + interval.frame_count; ++i) {
         const PlannedFrame& frame = plan.frames.at(static_cast<size_t>(i));
         RETURN_IF_ERROR(database_->Run("INSERT INTO frames (job, idx, time_ns, stem, interval) VALUES (?, ?, ?, ?, ?)",
@@ -116,6 +183,19 @@ absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {
     }
     RETURN_IF_ERROR(database_->Run("UPDATE jobs SET intervals_total = ?, frames_total = ? WHERE number = ?",
                                    {plan.intervals.size(), plan.frames.size(), row.job}));
+    if (plan.depth_done) {
+      RETURN_IF_ERROR(database_->Run(
+          "UPDATE jobs SET intervals_done = intervals_total, frames_done = frames_total WHERE number = ?", {row.job}));
+    }
+    ASSIGN_OR_RETURN(const JobRecord job, ReadJob(row.job));
+    for (size_t render = 0; render < job.renders.size(); ++render) {
+      for (const PlannedInterval& interval : plan.intervals) {
+        const auto [needs_first, needs_last] = IntervalsNeeded(plan, interval, job.renders[render]);
+        RETURN_IF_ERROR(database_->Run(
+            "INSERT INTO render_parts (job, interval, render, needs_first, needs_last) VALUES (?, ?, ?, ?, ?)",
+            {row.job, interval.index, render, needs_first, needs_last}));
+      }
+    }
     RETURN_IF_ERROR(RemoveTask(task));
     return SettleJob(row.job);
   });
@@ -127,6 +207,18 @@ absl::StatusOr<JobRecord> SqliteStore::FinishInterval(int64_t task, int interval
     if (interval < row.first_interval || interval >= row.first_interval + row.interval_count) {
       return absl::InternalError(absl::StrFormat("task %d reported interval %d, it was given %d to %d", task, interval,
                                                  row.first_interval, row.first_interval + row.interval_count - 1));
+    }
+    if (row.kind == TaskKind::kRender) {
+      RETURN_IF_ERROR(database_->Run(
+          "UPDATE render_parts SET done = 1, task = NULL WHERE job = ? AND interval = ? AND render = ? AND done = 0",
+          {row.job, interval, row.render}));
+      if (database_->ChangedRows() > 0) {
+        RETURN_IF_ERROR(database_->Run(
+            "UPDATE renders SET seconds = seconds + ?1, frames_done = frames_done + "
+            "(SELECT frame_count FROM intervals WHERE job = ?2 AND idx = ?3) WHERE job = ?2 AND idx = ?4",
+            {seconds, row.job, interval, row.render}));
+      }
+      return ReadJob(row.job);
     }
     RETURN_IF_ERROR(
         database_->Run("UPDATE intervals SET done = 1, task = NULL, seconds = ? WHERE job = ? AND idx = ? AND done = 0",
@@ -160,8 +252,7 @@ absl::Status SqliteStore::SettleJob(int64_t job) {
   if (*tasks > 0) return absl::OkStatus();
   ASSIGN_OR_RETURN(const JobRecord record, ReadJob(job));
   if (record.state == JobState::kCancelling) return EndJob(job, JobState::kCancelled, absl::OkStatus());
-  if (record.state == JobState::kRunning && record.intervals_total > 0 &&
-      record.intervals_done == record.intervals_total) {
+  if (record.state == JobState::kRunning && record.IsComputed()) {
     return AddTask(TaskKind::kAssemble, job, /*failures=*/0);
   }
   return absl::OkStatus();
@@ -172,7 +263,7 @@ absl::Status SqliteStore::Release(const TaskRow& task) {
   if (task.kind == TaskKind::kValidate) return AddTask(task.kind, task.sequence, task.failures);
   ASSIGN_OR_RETURN(const JobRecord job, ReadJob(task.job));
   // Intervals are cut anew when they are claimed, so they need no task to wait in.
-  if (job.state == JobState::kRunning && task.kind != TaskKind::kIntervals) {
+  if (job.state == JobState::kRunning && !IsCut(task.kind)) {
     RETURN_IF_ERROR(AddTask(task.kind, task.job, task.failures));
   }
   return SettleJob(task.job);
@@ -184,23 +275,22 @@ absl::Status SqliteStore::Fail(const TaskRow& task, const absl::Status& error, b
     if (job.state == JobState::kCancelling) return Release(task);
   }
   int failures = task.failures + 1;
-  if (task.kind == TaskKind::kIntervals) {
+  if (IsCut(task.kind)) {
     // The first interval left undone is the one to blame; the others were never begun.
     failures = 1;
-    ASSIGN_OR_RETURN(const std::optional<int64_t> blamed,
-                     database_->Number("SELECT min(idx) FROM intervals WHERE task = ?", {task.number}));
-    if (blamed) {
-      RETURN_IF_ERROR(database_->Run("UPDATE intervals SET failures = failures + 1 WHERE job = ? AND idx = ?",
-                                     {task.job, *blamed}));
-      ASSIGN_OR_RETURN(
-          const std::optional<int64_t> counted,
-          database_->Number("SELECT failures FROM intervals WHERE job = ? AND idx = ?", {task.job, *blamed}));
-      failures = static_cast<int>(*counted);
-    }
+    const bool render = task.kind == TaskKind::kRender;
+    ASSIGN_OR_RETURN(
+        const std::optional<int64_t> blamed,
+        database_->Number(render ? "UPDATE render_parts SET failures = failures + 1 WHERE task = ?1 AND interval = "
+                                   "(SELECT min(interval) FROM render_parts WHERE task = ?1) RETURNING failures"
+                                 : "UPDATE intervals SET failures = failures + 1 WHERE task = ?1 AND idx = "
+                                   "(SELECT min(idx) FROM intervals WHERE task = ?1) RETURNING failures",
+                          {task.number}));
+    if (blamed) failures = static_cast<int>(*blamed);
   }
   RETURN_IF_ERROR(RemoveTask(task.number));
   if (retry && failures < kMaxAttempts) {
-    if (task.kind == TaskKind::kIntervals) return SettleJob(task.job);
+    if (IsCut(task.kind)) return SettleJob(task.job);
     return AddTask(task.kind, task.kind == TaskKind::kValidate ? task.sequence : task.job, failures);
   }
   if (task.kind == TaskKind::kValidate) {
@@ -210,6 +300,8 @@ absl::Status SqliteStore::Fail(const TaskRow& task, const absl::Status& error, b
   }
   RETURN_IF_ERROR(database_->Run(
       "UPDATE intervals SET task = NULL WHERE task IN (SELECT number FROM tasks WHERE job = ?)", {task.job}));
+  RETURN_IF_ERROR(database_->Run(
+      "UPDATE render_parts SET task = NULL WHERE task IN (SELECT number FROM tasks WHERE job = ?)", {task.job}));
   RETURN_IF_ERROR(database_->Run("DELETE FROM tasks WHERE job = ?", {task.job}));
   return EndJob(task.job, JobState::kFailed, error);
 }

@@ -38,8 +38,9 @@ struct JobFilter {
   std::optional<std::string> sequence_id;
 };
 
-// How many intervals a worker takes at once, given the job it takes them from.
-using BatchSize = std::function<int(const JobRecord& job)>;
+// How many intervals a worker takes at once, given the job it takes them from, to compute (kIntervals) or to render
+// (kRender).
+using BatchSize = std::function<int(const JobRecord& job, TaskKind kind)>;
 
 class Store {
  public:
@@ -74,7 +75,8 @@ class Store {
   virtual absl::StatusOr<SequenceRecord> CommitSequence(std::string_view id) = 0;
 
   // ---- jobs ----
-  // FailedPrecondition unless the sequence is kReady; ResourceExhausted (LIMIT_EXCEEDED) when the queue is full.
+  // FailedPrecondition unless the sequence is kReady, or when job.depth_from has no depth to give; InvalidArgument when
+  // that is another depth; ResourceExhausted (LIMIT_EXCEEDED) when the queue is full.
   // With `validate_only` nothing is made and the record has no id.
   virtual absl::StatusOr<JobRecord> CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) = 0;
   virtual absl::StatusOr<JobRecord> GetJob(std::string_view id) = 0;
@@ -90,8 +92,10 @@ class Store {
   virtual absl::StatusOr<JobRecord> RetryJob(std::string_view id) = 0;
   // Intervals [first, first + count) of its plan; none before `prepare`.
   virtual absl::StatusOr<std::vector<PlannedInterval>> JobIntervals(std::string_view id, int first, int count) = 0;
-  // Frames [first, first + count) that the job will have; fewer at its end, none before `prepare`.
-  virtual absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count) = 0;
+  // Frames [first, first + count) that the job will have; fewer at its end, none before `prepare`. They are ready as
+  // depth is, or with `render` >= 0 as the pictures of that one of JobRecord::renders are.
+  virtual absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count,
+                                                             int render = -1) = 0;
 
   // ---- work ----
   // Grammar for one task:  ClaimTask (FinishInterval* | RecordPlan) (CompleteTask | FailTask | ReleaseTask)
@@ -99,16 +103,18 @@ class Store {
   // longer the one that counts: its job failed, or it was released.
 
   // The next piece of work, now running; nullopt when there is none. Validations go first, then jobs in their order.
-  // Intervals are cut into batches here: contiguous, unfinished, taken by nobody.
+  // Intervals are cut into batches here: contiguous, unfinished, taken by nobody; to be rendered once the frames they
+  // look at are finished, and then before further ones are computed, so that pictures stream as depth does.
   virtual absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) = 0;
   // The state of a validation: sequence kValidating -> kReady | kInvalid. Ends the task.
   virtual absl::Status FinishValidation(int64_t task, const ValidationResult& result) = 0;
   // What a prepare task found. Ends the task. A plan without intervals is InvalidArgument.
   virtual absl::Status FinishPrepare(int64_t task, const JobPlan& plan) = 0;
-  // An interval is done: its files are durable. Returns the job. Repeating it changes nothing.
+  // An interval of an intervals or a render task is done: its files are durable. Returns the job. Repeating it changes
+  // nothing.
   virtual absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) = 0;
-  // Ends an intervals or assemble task whose child ended well. Intervals it left undone go back. With the last interval
-  // of a job the assemble task comes into being; with the assemble task the job has kSucceeded.
+  // Ends an intervals, render or assemble task whose child ended well. Intervals it left undone go back. When the last
+  // interval of a job is computed and rendered the assemble task comes into being; with that the job has kSucceeded.
   virtual absl::Status CompleteTask(int64_t task) = 0;
   // Ends an attempt that went wrong. With `retry` and fewer than `kMaxAttempts` failures the work goes back to be
   // claimed anew; otherwise the job is kFailed (the sequence kInvalid) with `error`, and its other tasks lose their

@@ -11,7 +11,13 @@
 //   fill_at I          writes a file of 1 MiB at interval I, reporting RESOURCE_EXHAUSTED if it cannot
 //   lie_at I           says that interval I is done without writing its files
 //   quit_at I          ends with exit code 0 when it begins interval I
-// It appends "start PID\n" and "interval I\n" to the file "log" of the sequence folder.
+//   reach N            a frame can be rendered when the N frames before and after it are finished (1 if not said)
+//   wait_render I      waits when it begins to render interval I until the sequence folder has a file "go"
+//   slow_frame         render-frame waits until it is killed
+// It appends "start PID\n", "interval I\n" and "render I\n" to the file "log" of the sequence folder.
+//
+// Of renders it knows the name alone: one picture a frame with the name and the frame's number in it, a video if the
+// options speak of a container, and an error for one that is called "bad".
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/stat.h>
@@ -132,6 +138,54 @@ void ComputeInterval(int interval) {
   Tell(R"({"interval_done":)" + std::to_string(interval) + R"(,"seconds":0.25,"frames":2})");
 }
 
+// The values of "name" in the options, with what stands before each: enough for options that tests write.
+std::map<std::string, std::string> RenderNames(const std::string& text) {
+  std::map<std::string, std::string> names;
+  const std::string key = R"("name":")";
+  size_t before = 0;
+  for (size_t at = text.find(key); at != std::string::npos; at = text.find(key, at + 1)) {
+    const size_t begin = at + key.size();
+    names[text.substr(begin, text.find('"', begin) - begin)] = text.substr(before, at - before);
+    before = at;
+  }
+  return names;
+}
+
+void PlanRenders() {
+  std::string plans;
+  for (const auto& [name, text] : RenderNames(ReadFile(options["--options"]))) {
+    if (name == "bad") {
+      Tell(
+          R"({"error":{"code":"INVALID_ARGUMENT","message":"renders[0].name = bad, must be good","field":"renders[0].name"}})");
+      exit(1);
+    }
+    const int reach = script.count("reach") > 0 ? script["reach"].number : 1;
+    plans += std::string(plans.empty() ? "" : ",") + R"({"name":")" + name + R"(","reach_frames":)" +
+             std::to_string(reach) + R"(,"anchor_frame":-1,"uses_motion":false,"streams":[")" + name +
+             R"("],"extension":"png","videos":[)" +
+             (text.find("container") == std::string::npos ? "" : "\"" + name + ".mp4\"") + "]}";
+  }
+  WriteFile(options["--out"], R"({"renders":[)" + plans + "]}");
+}
+
+void RenderInterval(int interval, int intervals) {
+  const std::string out = options["--out"], name = options["--render"];
+  while (Says("wait_render", interval) && access((options["--sequence"] + "/go").c_str(), F_OK) != 0) usleep(1000);
+  const int reach = script.count("reach") > 0 ? script["reach"].number : 1;
+  for (int frame = 2 * interval - reach; frame < 2 * interval + 2 + reach; ++frame) {
+    const std::string depth = options["--result"] + "/depth/" + Stem(frame) + ".png";
+    if (frame >= 0 && frame < 2 * intervals && access(depth.c_str(), F_OK) != 0)
+      FailWith("FAILED_PRECONDITION", "no " + depth);
+  }
+  mkdir((out + "/" + name).c_str(), 0755);
+  for (int frame = 2 * interval; frame < 2 * interval + 2; ++frame) {
+    WriteFile(out + "/" + name + "/" + Stem(frame) + ".png", name + " " + std::to_string(frame));
+  }
+  WriteFile(out + "/render_" + name + "_" + Stem(interval) + ".json", "{}");
+  Append(options["--sequence"] + "/log", "render " + std::to_string(interval) + "\n");
+  Tell(R"({"interval_done":)" + std::to_string(interval) + R"(,"seconds":0.5,"frames":2})");
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -163,11 +217,34 @@ int main(int argc, char** argv) {
     const int first = std::stoi(options["--first"]), count = std::stoi(options["--count"]);
     for (int i = first; i < first + count; ++i) ComputeInterval(i);
   }
+  if (kind == "plan-renders") PlanRenders();
+  if (kind == "render") {
+    const int first = std::stoi(options["--first"]), count = std::stoi(options["--count"]);
+    for (int i = first; i < first + count; ++i) RenderInterval(i, intervals);
+  }
+  if (kind == "render-frame") {
+    Append(sequence + "/log", "start " + std::to_string(getpid()) + "\n");
+    while (script.count("slow_frame") > 0) pause();
+    if (RenderNames(ReadFile(options["--options"])).count("bad") > 0) {
+      Tell(
+          R"({"error":{"code":"INVALID_ARGUMENT","message":"render.name = bad, must be good","field":"render.name"}})");
+      exit(1);
+    }
+    WriteFile(options["--out"], "picture " + options["--frame"] + " " + ReadFile(options["--options"]));
+  }
   if (kind == "assemble") {
     const std::string out = options["--out"];
+    const std::map<std::string, std::string> renders = RenderNames(ReadFile(options["--options"]));
     for (int i = 0; i < intervals; ++i) {
       if (access((out + "/interval_" + Stem(i) + ".json").c_str(), F_OK) != 0)
         FailWith("FAILED_PRECONDITION", "incomplete");
+      for (const auto& [name, text] : renders) {
+        if (access((out + "/render_" + name + "_" + Stem(i) + ".json").c_str(), F_OK) != 0)
+          FailWith("FAILED_PRECONDITION", "incomplete pictures");
+      }
+    }
+    for (const auto& [name, text] : renders) {
+      if (text.find("container") != std::string::npos) WriteFile(out + "/" + name + ".mp4", "video of " + name);
     }
     WriteFile(out + "/report.json", ReadFile(options["--options"]));
     WriteFile(out + "/depth.txt", "");

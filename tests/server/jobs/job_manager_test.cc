@@ -40,12 +40,12 @@ TEST_F(JobManagerTest, WholeLife) {
   for (const FrameRecord& frame : Take(jobs_->Frames(job, 0, 100))) {
     EXPECT_TRUE(frame.ready);
     EXPECT_EQ(frame.time_ns, 1000 * frame.index);
-    EXPECT_EQ(Frame(job, OutputKind::kDepth, frame.stem), "depth " + std::to_string(frame.index));
-    EXPECT_EQ(Frame(job, OutputKind::kUncertainty, frame.stem), "uncertainty " + std::to_string(frame.index));
-    EXPECT_EQ(Frame(job, OutputKind::kProvenance, frame.stem), "provenance " + std::to_string(frame.index));
+    EXPECT_EQ(Frame(job, "depth", frame.stem), "depth " + std::to_string(frame.index));
+    EXPECT_EQ(Frame(job, "uncertainty", frame.stem), "uncertainty " + std::to_string(frame.index));
+    EXPECT_EQ(Frame(job, "provenance", frame.stem), "provenance " + std::to_string(frame.index));
   }
   // fake_core reports the options it was given; threads is what the server decided.
-  EXPECT_EQ(ReadText(jobs_->OutputFile(job, OutputKind::kReport)), R"({"key_every":2,"method":"ours","threads":1})");
+  EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))), R"({"key_every":2,"method":"ours","threads":1})");
   WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
 
   EXPECT_THAT(jobs_->Delete(job), IsOk());
@@ -165,7 +165,7 @@ TEST_F(JobManagerTest, CancelFreesTheProcessor) {
   EXPECT_THAT(jobs_->Cancel(job), IsOk());
   // The worker is free for others, and the finished frames are there.
   EXPECT_EQ(Ended(NewJobOn(ReadySequence())).record.state, JobState::kSucceeded);
-  EXPECT_EQ(Frame(job, OutputKind::kDepth, "000001"), "depth 1");
+  EXPECT_EQ(Frame(job, "depth", "000001"), "depth 1");
   Go(sequence);
   EXPECT_THAT(jobs_->Retry(job), IsOk());
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
@@ -280,8 +280,7 @@ TEST_F(JobManagerTest, KilledServerResumesWithWhatIsUnfinished) {
       EXPECT_GE(computed.count(interval), 1U) << interval;
       // Computed once if recorded. The kill may have come between the end of an interval and its record.
       EXPECT_LE(computed.count(interval), recorded.count(interval) > 0 ? 1U : 2U) << interval;
-      EXPECT_EQ(Frame(job, OutputKind::kDepth,
-                      std::string("0000") + (interval < 5 ? "0" : "") + std::to_string(2 * interval)),
+      EXPECT_EQ(Frame(job, "depth", std::string("0000") + (interval < 5 ? "0" : "") + std::to_string(2 * interval)),
                 "depth " + std::to_string(2 * interval));
     }
     Close();
@@ -302,6 +301,120 @@ TEST_F(JobManagerTest, OptionsAreChecked) {
               HasCode(absl::StatusCode::kNotFound));
   EXPECT_THAT(JobManager::Start(*directory_, *store_, {.core_program = FAKE_CORE, .workers = 0}),
               HasCode(absl::StatusCode::kInvalidArgument));
+}
+
+// ---- renders ----
+
+const char kDof[] = R"({"name":"dof","container":"mp4"})", kStereo[] = R"({"name":"stereo"})";
+
+TEST_F(JobManagerTest, PicturesAreRenderedBesideDepthAndAssembledAtTheEnd) {
+  for (const int workers : {1, 2}) {
+    OpenStores(folder_ / ("data" + std::to_string(workers)));
+    StartJobs(workers);
+    const std::string sequence = ReadySequence("intervals 4\n");
+    const std::string job =
+        Take(jobs_->Create({.sequence_id = sequence, .renders = {{.options = kDof}, {.options = kStereo}}}, "", false))
+            .record.id;
+    const JobView ended = Ended(job);
+    EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
+    EXPECT_EQ(ended.progress.rendered_frames_done, 16);
+    EXPECT_EQ(Frame(job, "dof", "000007"), "dof 7");
+    EXPECT_EQ(Frame(job, "stereo", "000000"), "stereo 0");
+    EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "dof-video"))), "video of dof");
+    EXPECT_EQ(Logged(sequence, "render").size(), 8U);
+    Close();
+  }
+}
+
+// Interval 2 is not computed before its gate opens, but the pictures of interval 0 can be read.
+TEST_F(JobManagerTest, PicturesAreReadyWhileTheJobRuns) {
+  Start();
+  const std::string sequence = ReadySequence("intervals 4\nwait_at 2\n");
+  const std::string job =
+      Take(jobs_->Create({.sequence_id = sequence, .renders = {{.options = kDof}}}, "", false)).record.id;
+  // With one worker the batch of intervals that waits holds it: pictures come from the next one on.
+  WaitUntil([&] { return View(job).record.intervals_done == 2; });
+  EXPECT_EQ(State(job), JobState::kRunning);
+  WaitUntil([&] { return Take(jobs_->Frames(job, 0, 1, 0))[0].ready; });
+  EXPECT_EQ(Frame(job, "dof", "000001"), "dof 1");
+  EXPECT_FALSE(Take(jobs_->Frames(job, 2, 1, 0))[0].ready);
+  Go(sequence);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+}
+
+TEST_F(JobManagerTest, RendersThatCoreRefusesMakeNoJob) {
+  Start();
+  const std::string sequence = ReadySequence();
+  const auto created =
+      jobs_->Create({.sequence_id = sequence, .renders = {{.options = R"({"name":"bad"})"}}}, "", false);
+  EXPECT_THAT(created, HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(std::string(created.status().message()), HasSubstr("job.renders[0].name = bad"));
+  EXPECT_THAT(Take(jobs_->List({}, {})).items, IsEmpty());
+}
+
+TEST_F(JobManagerTest, RendersOfFinishedDepthComputeNothingAgain) {
+  Start();
+  const std::string sequence = ReadySequence();
+  const std::string from = NewJobOn(sequence);
+  EXPECT_EQ(Ended(from).record.state, JobState::kSucceeded);
+  const NewJob order = {.sequence_id = sequence, .renders = {{.options = kDof}}, .depth_from = from};
+  const std::string job = Take(jobs_->Create(order, "", false)).record.id;
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
+  EXPECT_EQ(Logged(sequence, "interval").size(), 3U);
+  EXPECT_THAT(jobs_->Delete(from), IsOk());
+  EXPECT_EQ(Frame(job, "depth", "000003"), "depth 3") << "what was taken over stays";
+  EXPECT_EQ(Frame(job, "dof", "000003"), "dof 3");
+}
+
+// The answer of an errand, once it is there.
+absl::StatusOr<std::string> Answer(Errand& errand) {
+  std::optional<absl::StatusOr<std::string>> answer;
+  WaitUntil([&] { return (answer = errand.TakeAnswer()).has_value(); });
+  return *answer;
+}
+
+TEST_F(JobManagerTest, OneFrameIsRenderedWhileTheJobRuns) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 1\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] { return View(job).record.intervals_done == 1; });
+  const auto errand = Take(jobs_->RenderFrame(job, {.frame = 1, .options = kDof, .jpeg = true}, nullptr));
+  const std::string picture = Take(Answer(*errand));
+  EXPECT_THAT(picture, AllOf(HasSubstr("picture 1"), HasSubstr(R"("name":"dof")"), HasSubstr("jpeg")));
+  EXPECT_THAT(jobs_->RenderFrame(job, {.frame = 2, .options = kDof}, nullptr),
+              HasReason(absl::StatusCode::kFailedPrecondition, "FRAME_NOT_READY"));
+  EXPECT_THAT(jobs_->RenderFrame(job, {.frame = 6, .options = kDof}, nullptr),
+              HasReason(absl::StatusCode::kOutOfRange, "NO_SUCH_FRAME"));
+  const auto bad = Take(jobs_->RenderFrame(job, {.frame = 1, .options = R"({"name":"bad"})"}, nullptr));
+  EXPECT_THAT(Answer(*bad), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  Go(sequence);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+}
+
+TEST_F(JobManagerTest, AFrameThatTakesTooLongOrThatNobodyWaitsForIsStopped) {
+  Start(1, {.frame_renderers = 1, .frame_render_time = absl::Milliseconds(300)});
+  const std::string sequence = ReadySequence("slow_frame\n");
+  const std::string job = NewJobOn(sequence);
+  Ended(job);
+  const size_t started = Logged(sequence, "start").size();
+  auto errand = Take(jobs_->RenderFrame(job, {.frame = 0, .options = kDof}, nullptr));
+  EXPECT_THAT(Answer(*errand), HasCode(absl::StatusCode::kDeadlineExceeded));
+  EXPECT_FALSE(IsAlive(Logged(sequence, "start").back()));
+
+  errand = Take(jobs_->RenderFrame(job, {.frame = 0, .options = kDof}, nullptr));
+  WaitUntil([&] { return Logged(sequence, "start").size() == started + 2; });
+  errand.reset();
+  WaitUntil([&] { return !IsAlive(Logged(sequence, "start").back()); });
+
+  // One runs, and as many wait as may.
+  std::vector<std::unique_ptr<Errand>> waiting;
+  absl::Status refused;
+  for (int i = 0; i < 100 && refused.ok(); ++i) {
+    auto more = jobs_->RenderFrame(job, {.frame = 0, .options = kDof}, nullptr);
+    refused = more.status();
+    if (more.ok()) waiting.push_back(*std::move(more));
+  }
+  EXPECT_THAT(refused, HasReason(absl::StatusCode::kResourceExhausted, "SERVER_BUSY"));
 }
 
 // ---- watching ----

@@ -114,8 +114,15 @@ class JobsFixture : public testing::Test {
   }
   // Lets fake_core go on where its script says wait_at.
   void Go(const std::string& sequence) { WriteText(directory_->SequenceFolder(sequence) + "/go", ""); }
-  std::string Frame(const std::string& job, OutputKind kind, const std::string& stem) {
-    return ReadText(jobs_->FrameFile(job, kind, stem));
+  // An output by its id: "depth", or the name of a render.
+  OutputSpec Output(const std::string& job, const std::string& id) {
+    const std::vector<OutputSpec> outputs = OutputsOf(View(job).record.renders);
+    const auto found = std::find_if(outputs.begin(), outputs.end(), [&](const OutputSpec& o) { return o.id == id; });
+    EXPECT_NE(found, outputs.end()) << id;
+    return found == outputs.end() ? outputs.front() : *found;
+  }
+  std::string Frame(const std::string& job, const std::string& output, const std::string& stem) {
+    return ReadText(jobs_->FrameFile(job, Output(job, output), stem));
   }
 
   TemporaryFolder folder_;

@@ -21,6 +21,14 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
   EXPECT_THAT(TaskCommand({.kind = TaskKind::kIntervals, .first_interval = 4, .interval_count = 2}, paths),
               ElementsAre("core", "task", "intervals", "--sequence", "S", "--progress-fd", "3", "--options", "O",
                           "--constants", "C", "--first", "4", "--count", "2", "--out", "D"));
+  EXPECT_THAT(
+      TaskCommand({.kind = TaskKind::kRender, .first_interval = 4, .interval_count = 2},
+                  {.program = "core", .sequence = "S", .options = "O", .constants = "C", .out = "D", .result = "R"},
+                  "dof"),
+      ElementsAre("core", "task", "render", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--constants",
+                  "C", "--first", "4", "--count", "2", "--render", "dof", "--result", "R", "--out", "D"));
+  EXPECT_EQ(OptionsJson({}, {{.options = R"({"name":"a"})"}, {.options = "{}", .uses_motion = true}}),
+            R"({"keep_motion":true,"key_every":1,"method":"ours","renders":[{"name":"a"},{}],"threads":0})");
   EXPECT_EQ(OptionsJson({.method = "hold", .key_every = 3, .threads = 2}),
             R"({"key_every":3,"method":"hold","threads":2})");
 }
@@ -71,6 +79,36 @@ TEST(TaskProtocol, PlansAreChecked) {
   }
 }
 
+TEST(TaskProtocol, RenderPlansAreChecked) {
+  const auto plan = [](const std::string& name, const std::string& streams, const std::string& videos) {
+    return R"({"name":")" + name + R"(","reach_frames":2,"anchor_frame":-1,"uses_motion":true,"streams":)" + streams +
+           R"(,"extension":"png","videos":)" + videos + "}";
+  };
+  const auto parse = [](const std::string& plans, size_t count) {
+    return ParseRenderPlans(R"({"renders":[)" + plans + "]}", std::vector<RenderRecord>(count, {.options = "{}"}));
+  };
+  const std::string good = plan("a", R"(["a-left","a-right"])", R"(["l.mp4","r.mp4"])");
+  const std::vector<RenderRecord> renders = Take(parse(good, 1));
+  EXPECT_EQ(renders[0].options, "{}");
+  EXPECT_EQ(renders[0].reach_frames, 2);
+  EXPECT_THAT(renders[0].streams, ElementsAre("a-left", "a-right"));
+  const auto is_refused = HasCode(absl::StatusCode::kInternal);
+  EXPECT_THAT(parse(good, 2), is_refused) << "a plan is missing";
+  EXPECT_THAT(parse(good + "," + good, 2), is_refused) << "two of one name";
+  EXPECT_THAT(parse(plan("../a", R"(["a"])", "[]"), 1), is_refused);
+  EXPECT_THAT(parse(plan("a", R"(["/a"])", "[]"), 1), is_refused);
+  EXPECT_THAT(parse(plan("a", R"(["a"])", R"(["a"])"), 1), is_refused);
+  EXPECT_THAT(parse(plan("a", "[]", "[]"), 1), is_refused);
+  EXPECT_THAT(parse("7", 1), is_refused);
+}
+
+TEST(TaskProtocol, AChildNamesTheFieldThatIsWrong) {
+  EXPECT_THAT(*ParseProgressLine(
+                   R"({"error":{"code":"INVALID_ARGUMENT","message":"renders[0].name = x","field":"renders[0].name"}})")
+                   .error,
+              HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+}
+
 TEST(Progress, IsMeasuredNeverInvented) {
   JobRecord job = {.state = JobState::kRunning};
   EXPECT_EQ(DescribeProgress(job, "", 2).stage, "prepare");
@@ -98,18 +136,40 @@ TEST(Progress, IsMeasuredNeverInvented) {
   EXPECT_EQ(DescribeProgress(job, "flow", 2).stage, "failed");
 }
 
+TEST(Progress, CountsPicturesToo) {
+  JobRecord job = {.renders = {{.frames_done = 8, .seconds = 4.0}, {}},
+                   .state = JobState::kRunning,
+                   .intervals_done = 4,
+                   .intervals_total = 4,
+                   .frames_done = 32,
+                   .frames_total = 32,
+                   .interval_seconds = 2.0};
+  const Progress progress = DescribeProgress(job, "", 2);
+  EXPECT_EQ(progress.stage, "render");
+  EXPECT_EQ(progress.rendered_frames_done, 8);
+  EXPECT_EQ(progress.rendered_frames_total, 64);
+  EXPECT_NEAR(progress.fraction, 40.0 / 96.0, 1e-12);
+  // 56 pictures of 0.5 s are left for 2 workers.
+  EXPECT_EQ(progress.eta->remaining, absl::Seconds(14));
+  EXPECT_EQ(progress.eta->seconds_per_rendered_frame, 0.5);
+  EXPECT_EQ(progress.eta->measured_rendered_frames, 8);
+  EXPECT_EQ(IntervalsPerBatch(job, TaskKind::kRender, 1), 1);
+  job.renders[0].frames_done = 0;
+  EXPECT_FALSE(DescribeProgress(job, "", 2).eta.has_value()) << "no picture was measured";
+}
+
 TEST(Progress, BatchesKeepAllWorkersBusy) {
   JobRecord job = {.intervals_total = 400};
-  EXPECT_EQ(IntervalsPerBatch(job, 2), 8) << "little at first: nothing is measured";
+  EXPECT_EQ(IntervalsPerBatch(job, TaskKind::kIntervals, 2), 8) << "little at first: nothing is measured";
   job.intervals_done = 10;
   job.interval_seconds = 5;
-  EXPECT_EQ(IntervalsPerBatch(job, 2), 50) << "a quarter of a worker's share, 25 s";
+  EXPECT_EQ(IntervalsPerBatch(job, TaskKind::kIntervals, 2), 50) << "a quarter of a worker's share, 25 s";
   job.interval_seconds = 20;
-  EXPECT_EQ(IntervalsPerBatch(job, 2), 30) << "60 s at 2 s each";
+  EXPECT_EQ(IntervalsPerBatch(job, TaskKind::kIntervals, 2), 30) << "60 s at 2 s each";
   job.interval_seconds = 5000;
-  EXPECT_EQ(IntervalsPerBatch(job, 2), 1);
+  EXPECT_EQ(IntervalsPerBatch(job, TaskKind::kIntervals, 2), 1);
   job.intervals_total = 4;
-  EXPECT_EQ(IntervalsPerBatch(job, 2), 1);
+  EXPECT_EQ(IntervalsPerBatch(job, TaskKind::kIntervals, 2), 1);
 }
 
 }  // namespace

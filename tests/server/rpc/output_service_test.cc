@@ -406,7 +406,7 @@ TEST_F(OutputServiceTest, ReadersThatDoNotReadHoldNoThread) {
 
 // The memory of all streams together is bounded: the one too many is asked to come back.
 TEST_F(OutputServiceTest, StreamsBeyondTheMemoryAreRefused) {
-  rpc_options.frame_memory_bytes = 2 * FrameMemoryBytes(4 * 3);
+  rpc_options.frame_memory_bytes = 2 * FrameMemoryBytes({.kind = OutputKind::kDepth}, 4 * 3);
   const v1::Sequence sequence = ReadySequence("wait_at 1");
   const v1::Job job = CreateJob(sequence);
   v1::StreamFramesRequest request = Request(job, "depth");
@@ -435,6 +435,102 @@ TEST_F(OutputServiceTest, StreamsBeyondTheMemoryAreRefused) {
   } while (status.error_code() == grpc::RESOURCE_EXHAUSTED);
   EXPECT_THAT(status, Succeeds());
   EXPECT_EQ(frames.size(), 6U);
+}
+
+// ---- renders ----
+
+v1::RenderOptions Render(const std::string& name) {
+  v1::RenderOptions render;
+  render.set_name(name);
+  render.mutable_depth_of_field()->set_fstop(1.4);
+  return render;
+}
+
+TEST_F(OutputServiceTest, PicturesAreOutputsLikeOthers) {
+  const v1::Sequence sequence = ReadySequence();
+  v1::CreateJobRequest create;
+  create.mutable_job()->set_sequence(sequence.name());
+  *create.mutable_job()->add_renders() = Render("dof");
+  create.mutable_job()->mutable_renders(0)->set_container(v1::RenderOptions::CONTAINER_MP4);
+  grpc::ClientContext context;
+  v1::Job job;
+  ASSERT_THAT(jobs_stub().CreateJob(&context, create, &job), Succeeds());
+  EXPECT_EQ(job.renders(0).depth_of_field().fstop(), 1.4);
+  EXPECT_EQ(job.renders(0).container(), v1::RenderOptions::CONTAINER_MP4);
+  v1::StreamFramesRequest request = Request(job, "dof");
+  request.set_follow(true);
+  std::vector<Frame> frames;
+  EXPECT_THAT(ReadAll(request, &frames), Succeeds());
+  ASSERT_EQ(frames.size(), 6U);
+  EXPECT_EQ(frames[5].bytes, "dof 5");
+  EXPECT_EQ(frames[5].header.encoding(), v1::ENCODING_PNG);
+  EXPECT_EQ(frames[5].header.units_per_metre(), 0);
+  request.set_encoding(v1::ENCODING_F32);
+  EXPECT_THAT(ReadAll(request, &frames), FailsAtField("encoding"));
+  EXPECT_EQ(WaitUntilEnded(job.name()).state(), v1::Job::STATE_SUCCEEDED);
+  std::string video;
+  EXPECT_THAT(Read(job.name() + "/outputs/dof-video", 0, 0, &video), Succeeds());
+  EXPECT_EQ(video, "video of dof");
+  EXPECT_EQ(GetJob(job.name()).progress().rendered_frames_done(), 6);
+}
+
+TEST_F(OutputServiceTest, WrongRendersNameTheirField) {
+  const v1::Sequence sequence = ReadySequence();
+  const auto create = [&](const v1::RenderOptions& render) {
+    v1::CreateJobRequest request;
+    request.mutable_job()->set_sequence(sequence.name());
+    *request.mutable_job()->add_renders() = render;
+    grpc::ClientContext context;
+    v1::Job job;
+    return jobs_stub().CreateJob(&context, request, &job);
+  };
+  EXPECT_THAT(create(Render("bad")), FailsAtField("job.renders[0].name"));
+  v1::RenderOptions render = Render("x");
+  render.mutable_depth_of_field()->set_fstop(std::numeric_limits<double>::quiet_NaN());
+  EXPECT_THAT(create(render), FailsAtField("job.renders[0].depth_of_field.fstop"));
+  render.mutable_stereo()->set_format(static_cast<v1::Stereo::Format>(99));
+  EXPECT_THAT(create(render), FailsAtField("job.renders[0].stereo.format"));
+  v1::CreateJobRequest many;
+  many.mutable_job()->set_sequence(sequence.name());
+  for (int i = 0; i < 17; ++i) *many.mutable_job()->add_renders() = Render("x");
+  grpc::ClientContext context;
+  v1::Job job;
+  EXPECT_THAT(jobs_stub().CreateJob(&context, many, &job), FailsAtField("job.renders"));
+}
+
+TEST_F(OutputServiceTest, OneFrameIsRenderedOnDemand) {
+  const v1::Job job = CreateJob(ReadySequence());
+  WaitUntilEnded(job.name());
+  const auto render = [&](const v1::RenderFrameRequest& request, Frame* frame) {
+    grpc::ClientContext context;
+    const auto reader = outputs_stub().RenderFrame(&context, request);
+    const bool whole = ReadFrame(*reader, frame);
+    EXPECT_EQ(whole, frame->chunks > 0);
+    return reader->Finish();
+  };
+  v1::RenderFrameRequest request;
+  request.set_job(job.name());
+  request.set_frame(3);
+  *request.mutable_render() = Render("dof");
+  Frame frame;
+  EXPECT_THAT(render(request, &frame), Succeeds());
+  EXPECT_EQ(frame.index, 3);
+  EXPECT_EQ(frame.header.stem(), "000003");
+  EXPECT_EQ(frame.header.encoding(), v1::ENCODING_PNG);
+  EXPECT_NE(frame.bytes.find("picture 3"), std::string::npos);
+  EXPECT_NE(frame.bytes.find(R"("fstop":1.4)"), std::string::npos);
+  request.set_frame(6);
+  EXPECT_THAT(render(request, &frame), Fails(grpc::OUT_OF_RANGE, "NO_SUCH_FRAME"));
+  request.set_frame(-1);
+  EXPECT_THAT(render(request, &frame), FailsAtField("frame"));
+  request.set_frame(3);
+  request.set_encoding(v1::ENCODING_RAW);
+  EXPECT_THAT(render(request, &frame), FailsAtField("encoding"));
+  request.set_encoding(v1::ENCODING_JPEG);
+  *request.mutable_render() = Render("bad");
+  EXPECT_THAT(render(request, &frame), FailsAtField("render.name"));
+  request.set_job("jobs/0000000000000000");
+  EXPECT_THAT(render(request, &frame), Fails(grpc::NOT_FOUND, "NO_SUCH_RESOURCE"));
 }
 
 }  // namespace

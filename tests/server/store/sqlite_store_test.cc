@@ -28,6 +28,30 @@ TEST(SqliteStore, SchemaIsBroughtUpToDateOnce) {
   EXPECT_EQ(Take(database->Number("PRAGMA user_version")), static_cast<int64_t>(SchemaSteps().size()));
 }
 
+// A file of the first schema, with work in it, is brought up to date: nothing is lost, and the numbers of tasks go on.
+TEST(SqliteStore, WorkOfAnOlderServerGoesOn) {
+  const TemporaryFolder folder;
+  {
+    const auto database = Take(Database::Open(folder / "s.sqlite"));
+    EXPECT_THAT(database->RunScript(SchemaSteps()[0]), IsOk());
+    EXPECT_THAT(database->RunScript(R"(
+      INSERT INTO sequences (id, display_name, state, create_time_us, update_time_us) VALUES ('s', '', 2, 0, 0);
+      INSERT INTO tasks (kind, sequence) VALUES (1, 1), (1, 1), (1, 1);
+      DELETE FROM tasks WHERE number <> 2;
+      PRAGMA user_version = 1)"),
+                IsOk());
+  }
+  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  const auto all = [](const JobRecord&, TaskKind) { return 1; };
+  EXPECT_EQ(Take(store->ClaimTask(all))->number, 2);
+  EXPECT_THAT(store->FinishValidation(2, {.error = absl::InternalError("x")}), IsOk());
+  const SequenceRecord sequence = Take(store->CreateSequence("", ""));
+  const UploadRecord upload = Take(store->CreateUpload(sequence.id, {{.path = "f"}}, 1, ""));
+  EXPECT_THAT(store->FinishUpload(upload.id), IsOk());
+  EXPECT_THAT(store->CommitSequence(sequence.id), IsOk());
+  EXPECT_EQ(Take(store->ClaimTask(all))->number, 4) << "3 was used, even if its row is gone";
+}
+
 TEST(SqliteStore, RefusesTheFileOfANewerServer) {
   const TemporaryFolder folder;
   EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());

@@ -59,7 +59,7 @@ JobRecord StoreConformance::PreparedJob(int intervals) {
 }
 
 Task StoreConformance::Claim(int batch) {
-  return Take(store().ClaimTask([batch](const JobRecord&) { return batch; })).value_or(Task{});
+  return Take(store().ClaimTask([batch](const JobRecord&, TaskKind) { return batch; })).value_or(Task{});
 }
 
 // ---- sequences and uploads ----
@@ -373,7 +373,7 @@ TEST_P(StoreConformance, BatchSizeIsAskedWithTheJobAsItIs) {
   PreparedJob(4);
   int asked_done = -1;
   const auto claim = [&](int size) {
-    return Take(store().ClaimTask([&](const JobRecord& job) {
+    return Take(store().ClaimTask([&](const JobRecord& job, TaskKind) {
       asked_done = job.intervals_done;
       return size;
     }));
@@ -547,6 +547,140 @@ TEST_P(StoreConformance, RetryNeedsTheSequence) {
   EXPECT_THAT(store().CancelJob(id), IsOk());
   EXPECT_THAT(store().DeleteSequence(sequence.id), IsOk());
   EXPECT_THAT(store().RetryJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
+}
+
+// ---- renders ----
+
+RenderRecord RenderOf(const std::string& name, int reach_frames, int anchor_frame = -1) {
+  return {.name = name,
+          .options = "{\"name\":\"" + name + "\"}",
+          .reach_frames = reach_frames,
+          .anchor_frame = anchor_frame,
+          .uses_motion = true,
+          .streams = {name + "-left", name + "-right"},
+          .extension = "jpg",
+          .videos = {name + "_L.mp4", name + "_R.mp4"}};
+}
+
+TEST_P(StoreConformance, RendersSurviveReopening) {
+  const NewJob order = {.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 3, 5), RenderOf("b", 0)}};
+  const std::string id = Take(store().CreateJob(order, "", false)).id;
+  Open();
+  const JobRecord job = Job(id);
+  ASSERT_THAT(job.renders, SizeIs(2));
+  EXPECT_EQ(job.renders[0].name, "a");
+  EXPECT_EQ(job.renders[0].options, order.renders[0].options);
+  EXPECT_EQ(job.renders[0].reach_frames, 3);
+  EXPECT_EQ(job.renders[0].anchor_frame, 5);
+  EXPECT_TRUE(job.renders[0].uses_motion);
+  EXPECT_EQ(job.renders[0].streams, order.renders[0].streams);
+  EXPECT_EQ(job.renders[0].videos, order.renders[0].videos);
+  EXPECT_EQ(job.renders[0].extension, "jpg");
+  EXPECT_THAT(Take(store().ListJobs({}, {})).items[0].renders, SizeIs(2));
+  // The same request is the same job; with another render it is another request.
+  const std::string again = Take(store().CreateJob(order, "r", false)).id;
+  EXPECT_EQ(Take(store().CreateJob(order, "r", false)).id, again);
+  EXPECT_THAT(store().CreateJob({.sequence_id = order.sequence_id, .renders = {RenderOf("a", 3, 5)}}, "r", false),
+              HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+}
+
+// Intervals have two frames; a render that looks one frame to either side needs its neighbours' intervals.
+TEST_P(StoreConformance, PicturesWaitForTheFramesAroundThemAndGoBeforeFurtherDepth) {
+  const std::string id =
+      Take(store().CreateJob({.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 1)}}, "", false)).id;
+  EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(4)), IsOk());
+  const Task first = Claim(1);
+  EXPECT_EQ(first.kind, TaskKind::kIntervals);
+  EXPECT_THAT(store().FinishInterval(first.number, 0, 1.0), IsOk());
+  EXPECT_THAT(store().CompleteTask(first.number), IsOk());
+  const Task second = Claim(1);
+  EXPECT_EQ(second.kind, TaskKind::kIntervals) << "interval 0 looks at interval 1";
+  EXPECT_THAT(store().FinishInterval(second.number, 1, 1.0), IsOk());
+
+  const Task pictures = Claim(8);
+  EXPECT_EQ(pictures.kind, TaskKind::kRender);
+  EXPECT_EQ(pictures.render, 0);
+  EXPECT_EQ(pictures.first_interval, 0);
+  EXPECT_EQ(pictures.interval_count, 1) << "interval 1 looks at interval 2";
+  EXPECT_FALSE(Take(store().JobFrames(id, 0, 1, 0))[0].ready);
+  EXPECT_EQ(Take(store().FinishInterval(pictures.number, 0, 0.5)).renders[0].frames_done, 2);
+  EXPECT_EQ(Take(store().FinishInterval(pictures.number, 0, 0.5)).renders[0].frames_done, 2) << "said again";
+  EXPECT_TRUE(Take(store().JobFrames(id, 0, 1, 0))[0].ready);
+  EXPECT_FALSE(Take(store().JobFrames(id, 2, 1, 0))[0].ready);
+  EXPECT_EQ(Job(id).renders[0].seconds, 0.5);
+
+  const Task rest = Claim(8);
+  EXPECT_EQ(rest.kind, TaskKind::kIntervals);
+  EXPECT_EQ(rest.interval_count, 2);
+  for (const int interval : {2, 3}) EXPECT_THAT(store().FinishInterval(rest.number, interval, 1.0), IsOk());
+  for (const Task& task : {second, pictures, rest}) EXPECT_THAT(store().CompleteTask(task.number), IsOk());
+  const Task last = Claim(8);
+  EXPECT_EQ(last.kind, TaskKind::kRender);
+  EXPECT_EQ(last.first_interval, 1);
+  EXPECT_EQ(last.interval_count, 3);
+  EXPECT_EQ(Claim().number, 0) << "nothing is assembled before the last picture";
+  for (const int interval : {1, 2, 3}) EXPECT_THAT(store().FinishInterval(last.number, interval, 0.5), IsOk());
+  EXPECT_THAT(store().CompleteTask(last.number), IsOk());
+  EXPECT_EQ(Claim().kind, TaskKind::kAssemble);
+  EXPECT_TRUE(Job(id).IsComputed());
+}
+
+TEST_P(StoreConformance, AnAnchoredRenderWaitsForItsAnchor) {
+  Take(store().CreateJob({.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 0, 5)}}, "", false));
+  EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(4)), IsOk());
+  const Task depth = Claim(4);
+  for (const int interval : {0, 1}) EXPECT_THAT(store().FinishInterval(depth.number, interval, 1.0), IsOk());
+  EXPECT_EQ(Claim().number, 0) << "frame 5 lies in interval 2";
+  EXPECT_THAT(store().FinishInterval(depth.number, 2, 1.0), IsOk());
+  EXPECT_EQ(Claim(8).interval_count, 3);
+}
+
+TEST_P(StoreConformance, PicturesThatFailAreTriedAgainAndAreTheOnesToBlame) {
+  const std::string id =
+      Take(store().CreateJob({.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 0)}}, "", false)).id;
+  EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(2)), IsOk());
+  const Task depth = Claim(2);
+  for (const int interval : {0, 1}) EXPECT_THAT(store().FinishInterval(depth.number, interval, 1.0), IsOk());
+  EXPECT_THAT(store().CompleteTask(depth.number), IsOk());
+  for (int failures = 0; failures < kMaxAttempts; ++failures) {
+    const Task task = Claim(2);
+    EXPECT_EQ(task.kind, TaskKind::kRender);
+    EXPECT_EQ(task.failures, failures);
+    EXPECT_THAT(store().FailTask(task.number, absl::InternalError("crashed"), true), IsOk());
+  }
+  EXPECT_EQ(Job(id).state, JobState::kFailed);
+  EXPECT_THAT(store().RetryJob(id), IsOk());
+  const Task again = Claim(2);
+  EXPECT_EQ(again.kind, TaskKind::kRender);
+  EXPECT_EQ(again.failures, 0);
+  Open();
+  EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
+  EXPECT_EQ(Claim(2).interval_count, 2) << "a killed server's pictures are rendered again";
+}
+
+TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
+  const SequenceRecord sequence = ReadySequence();
+  const JobRecord from = Take(store().CreateJob({.sequence_id = sequence.id}, "", false));
+  NewJob order = {.sequence_id = sequence.id, .renders = {RenderOf("a", 2)}, .depth_from = from.id};
+  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE"));
+  EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(2)), IsOk());
+  const Task depth = Claim(2);
+  for (const int interval : {0, 1}) EXPECT_THAT(store().FinishInterval(depth.number, interval, 1.0), IsOk());
+  EXPECT_THAT(store().CompleteTask(depth.number), IsOk());
+  EXPECT_THAT(store().CompleteTask(Claim().number), IsOk());
+
+  order.options.key_every = 2;
+  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  order.options.key_every = 1;
+  order.renders.clear();
+  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  order.renders = {RenderOf("a", 2)};
+  const JobRecord job = Take(store().CreateJob(order, "", false));
+  JobPlan plan = PlanOf(2);
+  plan.depth_done = true;
+  EXPECT_THAT(store().FinishPrepare(Claim().number, plan), IsOk());
+  EXPECT_EQ(Job(job.id).frames_done, 4);
+  EXPECT_EQ(Claim(8).kind, TaskKind::kRender);
 }
 
 }  // namespace depthtween::server

@@ -1,0 +1,86 @@
+// Short tasks that somebody waits for, each a child process with little time: planning the renders of a job, rendering
+// a single frame. A few run at a time, beside the workers, and a bounded number waits.
+#ifndef DEPTHTWEEN_SERVER_JOBS_ERRANDS_H_
+#define DEPTHTWEEN_SERVER_JOBS_ERRANDS_H_
+
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/time/time.h"
+#include "core/base/status.h"
+#include "server/store/data_directory.h"
+
+namespace depthtween::server {
+
+struct ErrandOptions {
+  std::string core_program;
+  int threads = 2;       // errands that run at the same time, > 0
+  int max_waiting = 32;  // beyond them
+  absl::Duration time_limit = absl::Seconds(30);
+  absl::Duration grace = absl::Seconds(1);
+  int64_t child_memory_bytes = 0;  // 0 = no limit
+  int64_t child_file_bytes = 0;
+};
+
+// What a child is asked: `depthtween-core task <arguments> --options <file with options> --out <answer>`.
+struct ErrandOrder {
+  std::vector<std::string> arguments;
+  std::string options;       // JSON
+  std::string field_prefix;  // put before the field that an InvalidArgument of the child names
+};
+
+// One errand on its way. Destroying it stops it.
+class Errand {
+ public:
+  ~Errand();
+  Errand(const Errand&) = delete;
+  Errand& operator=(const Errand&) = delete;
+
+  // The bytes that the child left as its answer, or why there are none; nullopt while it runs or waits. Given out once.
+  std::optional<absl::StatusOr<std::string>> TakeAnswer();
+
+ private:
+  friend class Errands;
+  struct State;
+  explicit Errand(std::shared_ptr<State> state);
+  const std::shared_ptr<State> state_;
+};
+
+// Threads: all methods may be called concurrently.
+class Errands {
+ public:
+  // Borrows `directory`.
+  Errands(DataDirectory& directory, const ErrandOptions& options);
+  // Stops what runs; nothing that waits is begun.
+  ~Errands();
+
+  // ResourceExhausted (SERVER_BUSY) when too many wait. `on_done` may be empty.
+  absl::StatusOr<std::unique_ptr<Errand>> Start(const ErrandOrder& order, std::function<void()> on_done);
+  // Start, and wait for the answer.
+  absl::StatusOr<std::string> Run(const ErrandOrder& order);
+
+ private:
+  void Work(const std::stop_token& stop);
+  absl::StatusOr<std::string> RunOne(const ErrandOrder& order, const std::stop_token& stop);
+
+  DataDirectory& directory_;
+  const ErrandOptions options_;
+  std::mutex mutex_;
+  std::condition_variable_any changed_;
+  std::deque<std::shared_ptr<Errand::State>> waiting_;  // guarded by mutex_
+  int64_t started_ = 0;                                 // guarded by mutex_
+  std::vector<std::jthread> threads_;                   // last: they use all of the above
+};
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_JOBS_ERRANDS_H_

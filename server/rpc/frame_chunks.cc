@@ -1,0 +1,49 @@
+#include "server/rpc/frame_chunks.h"
+
+#include <string_view>
+#include <utility>
+
+#include "proto/depthtween/crc32c.h"
+
+namespace depthtween::server {
+namespace {
+
+constexpr size_t kChunkBytes = 256 << 10;  // a small part of the 4 MiB of a message; larger ones gain nothing
+
+}  // namespace
+
+void FrameChunks::Load(int frame, v1::FrameHeader header, std::string bytes, int next_frame) {
+  bytes_ = std::move(bytes);
+  sent_ = 0;
+  frame_ = frame;
+  next_frame_ = next_frame;
+  header_ = std::move(header);
+  header_.set_size_bytes(static_cast<int64_t>(bytes_.size()));
+  header_.set_crc32c(Crc32c(bytes_));
+}
+
+void FrameChunks::Clear() {
+  std::string().swap(bytes_);
+  sent_ = 0;
+}
+
+void FrameChunks::Fill(v1::FrameChunk& chunk) {
+  if (sent_ == 0) {
+    *chunk.mutable_header() = header_;
+  } else {
+    chunk.clear_header();
+  }
+  const std::string_view data = std::string_view(bytes_).substr(sent_, kChunkBytes);
+  chunk.set_frame(frame_);
+  chunk.set_offset(static_cast<int64_t>(sent_));
+  chunk.set_data(data.data(), data.size());
+  chunk.set_crc32c(Crc32c(data));
+  sent_ += data.size();
+  if (empty()) {
+    chunk.set_next_frame(next_frame_);
+  } else {
+    chunk.clear_next_frame();
+  }
+}
+
+}  // namespace depthtween::server
