@@ -69,8 +69,8 @@ void FindEdges(float layer_gap, int threads, Search& search) {
   });
 }
 
-// Grows a front from `front` ring by ring, alternating 4 and 8 neighbours so that rings stay round. `step` says whether
-// to take a neighbour, and marks it.
+// Grows a front from `front` ring by ring, alternating 4 and 8 neighbours so that rings stay round. `step` marks a
+// neighbour and says whether it is new.
 template <typename Step>
 void Grow(std::vector<Pixel> front, int rings, int width, int height, const Step& step) {
   std::vector<Pixel> next;
@@ -80,7 +80,7 @@ void Grow(std::vector<Pixel> front, int rings, int width, int height, const Step
       for (int k = 0; k < (ring % 2 == 0 ? 4 : 8); ++k) {
         const Pixel to = {from.x + kAround[k][0], from.y + kAround[k][1]};
         if (to.x < 0 || to.y < 0 || to.x >= width || to.y >= height) continue;
-        if (step(from, to)) next.push_back(to);
+        if (step(from, to, ring)) next.push_back(to);
       }
     front.swap(next);
   }
@@ -99,17 +99,24 @@ Search FollowBackground(const RenderView& view, const HiddenBackgroundOptions& o
       if (search.guard(x, y) != 0) guarded.push_back({x, y});
     }
   search.pixels = foreground;
-  Grow(std::move(foreground), options.reach_px - 1, width, height, [&](Pixel from, Pixel to) {
+  Image<int16_t> reached(width, height, -1);  // the ring
+  for (const Pixel p : foreground) reached(p.x, p.y) = 0;
+  Grow(std::move(foreground), options.reach_px - 1, width, height, [&](Pixel from, Pixel to, int ring) {
     const float layer = search.behind_inverse_depth(from.x, from.y);
     float& there = search.behind_inverse_depth(to.x, to.y);
-    if (there > 0 || layer >= inverse(to.x, to.y) * behind) return false;
+    if (layer >= inverse(to.x, to.y) * behind) return false;
+    int16_t& reached_there = reached(to.x, to.y);
+    // Of several layers that arrive together the farthest stays, whatever the order they come in.
+    if (reached_there == ring + 1) there = std::min(there, layer);
+    if (reached_there >= 0) return false;
+    reached_there = static_cast<int16_t>(ring + 1);
     there = layer;
     search.pixels.push_back(to);
     return true;
   });
   if (options.guard_px == 0) search.guard.Fill(0), guarded.clear();
   std::vector<Pixel> all_guarded = guarded;
-  Grow(std::move(guarded), options.guard_px - 1, width, height, [&](Pixel from, Pixel to) {
+  Grow(std::move(guarded), options.guard_px - 1, width, height, [&](Pixel from, Pixel to, int) {
     const float a = inverse(from.x, from.y), b = inverse(to.x, to.y);
     if (search.guard(to.x, to.y) != 0 || a < b * behind || b < a * behind) return false;
     search.guard(to.x, to.y) = 1;
