@@ -8,7 +8,7 @@ namespace depthtween {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr int kLinesPerRow = 16;  // a row's ends are the means over so many lines
+constexpr int kLinesPerRow = 16;  // a row is the mean of so many lines
 
 // Where the shape of area pi begins and ends on the line at `y` (down); begin > end where the line misses it.
 std::pair<double, double> Chord(int blades, double y) {
@@ -33,14 +33,14 @@ std::pair<double, double> Chord(int blades, double y) {
   return {begin, end};
 }
 
-Aperture::Row MakeRow(double begin, double end) {
-  const auto place = [](double edge) {
+// Adds a line from `begin` to `end`, places relative to a pixel's centre, to the changes from pixel to pixel.
+void AddLine(double begin, double end, float weight, float* changes) {
+  for (const auto& [edge, sign] : {std::pair{begin, weight}, std::pair{end, -weight}}) {
     const double pixel = std::floor(edge + 0.5);
-    return std::pair{static_cast<int16_t>(pixel), static_cast<float>(edge + 0.5 - pixel)};
-  };
-  const auto [begin_px, begin_share] = place(begin);
-  const auto [end_px, end_share] = place(end);
-  return {begin_px, end_px, begin_share, end_share};
+    const auto late = static_cast<float>(edge + 0.5 - pixel);
+    changes[static_cast<int>(pixel)] += sign * (1 - late);
+    changes[static_cast<int>(pixel) + 1] += sign * late;
+  }
 }
 
 }  // namespace
@@ -49,25 +49,29 @@ Aperture::Aperture(int blades, float max_radius_px) {
   middle_ = static_cast<int>(std::lround(max_radius_px / kStep));
   // How far the longest tip reaches, in radii.
   const double tip = blades == 0 ? 1.0 : std::sqrt(2 * kPi / (blades * std::sin(2 * kPi / blades)));
+  std::vector<float> row;
   for (int i = -middle_; i <= middle_; ++i) {
     // Below a pixel's size the shape does not matter, only that it has an area.
-    const double radius = std::max(static_cast<double>(kStep), std::abs(i) * static_cast<double>(kStep));
+    const double radius = std::max(1, std::abs(i)) * static_cast<double>(kStep);
     const int reach = static_cast<int>(std::ceil(radius * tip - 0.5));
-    Shape shape{.first_row = static_cast<int>(rows_.size()) + reach, .reach = reach, .area = 0.0F};
+    Shape shape{.first_row = static_cast<int>(row_begins_.size()) + reach, .reach = reach, .area = 0.0F};
     for (int y = -reach; y <= reach; ++y) {
-      double begin = 0.0, end = 0.0;
+      row.assign(2 * reach + 3, 0.0F);  // one more than needed, for lines that end on a border
       for (int line = 0; line < kLinesPerRow; ++line) {
         const double at = (y + (line + 0.5) / kLinesPerRow - 0.5) / radius;
-        const auto [chord_begin, chord_end] = Chord(blades, i < 0 ? -at : at);
-        if (chord_begin > chord_end) continue;
-        begin += (i < 0 ? -chord_end : chord_begin) * radius / kLinesPerRow;
-        end += (i < 0 ? -chord_begin : chord_end) * radius / kLinesPerRow;
+        const auto [begin, end] = Chord(blades, i < 0 ? -at : at);
+        if (begin >= end) continue;
+        const double left = radius * (i < 0 ? -end : begin), right = radius * (i < 0 ? -begin : end);
+        AddLine(left, right, 1.0F / kLinesPerRow, row.data() + reach);
+        shape.area += static_cast<float>(right - left) / kLinesPerRow;
       }
-      rows_.push_back(MakeRow(begin, end));
-      shape.area += static_cast<float>(end - begin);
+      row_begins_.push_back(static_cast<int32_t>(changes_.size()));
+      for (int x = -reach; x <= reach + 2; ++x)
+        if (row[x + reach] != 0) changes_.push_back({x, row[x + reach]});
     }
     shapes_.push_back(shape);
   }
+  row_begins_.push_back(static_cast<int32_t>(changes_.size()));
 }
 
 }  // namespace depthtween

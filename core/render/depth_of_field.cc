@@ -4,9 +4,11 @@
 #include <cassert>
 
 #include "absl/strings/str_format.h"
+#include "core/base/parallel.h"
 #include "core/render/gather.h"
 #include "core/render/kraus.h"
 #include "core/render/lens_layers.h"
+#include "core/render/linear_light.h"
 
 namespace depthtween {
 
@@ -26,15 +28,24 @@ Image<Rgb8> RenderDepthOfField(const RenderView& view, const HiddenBackground& h
   assert(options.Validate().ok() && view.color.SameSize(view.depth_m));
   CircleOfConfusion limited = circle;
   limited.limit_px = std::min(circle.limit_px, options.max_radius_px);
-  switch (options.method) {
-    case DepthOfFieldMethod::kKraus:
-      return BlurByPyramids(view, limited, threads);
-    case DepthOfFieldMethod::kGather:
-      return BlurByGathering(view, limited, threads);
-    case DepthOfFieldMethod::kLayers:
-      break;
-  }
-  return BlurInLayers(view, hidden, limited, {.blades = options.blades, .layers = options.layers}, threads);
+  const Image<Light> light = [&] {
+    switch (options.method) {
+      case DepthOfFieldMethod::kKraus:
+        return BlurByPyramids(view, limited, threads);
+      case DepthOfFieldMethod::kGather:
+        return BlurByGathering(view, limited, threads);
+      case DepthOfFieldMethod::kLayers:
+        break;
+    }
+    return BlurInLayers(view, hidden, limited, {.blades = options.blades, .layers = options.layers}, threads);
+  }();
+  Image<Rgb8> out(light.width(), light.height());
+  const LinearLight& tables = LinearLight::Tables();
+  ParallelRows(out.height(), threads, [&](int first, int last) {
+    for (int y = first; y < last; ++y)
+      for (int x = 0; x < out.width(); ++x) out(x, y) = tables.Encode(light(x, y));
+  });
+  return out;
 }
 
 }  // namespace depthtween

@@ -5,12 +5,13 @@
 
 #include "core/base/image.h"
 #include "core/render/lens.h"
+#include "core/render/linear_light.h"
 #include "core/render/render_view.h"
 
 namespace depthtween {
 
-// Pure; the result does not depend on `threads`.
-Image<Rgb8> BlurByGathering(const RenderView& view, const CircleOfConfusion& circle, int threads);
+// Linear light of weight 1. Pure; the result does not depend on `threads`.
+Image<Light> BlurByGathering(const RenderView& view, const CircleOfConfusion& circle, int threads);
 
 }  // namespace depthtween
 

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "core/base/parallel.h"
-#include "core/render/linear_light.h"
 
 namespace depthtween {
 namespace {
@@ -79,7 +78,7 @@ float Opacity(float radius_px, int k) { return Progress(radius_px, k - 1) * (1 -
 
 }  // namespace
 
-Image<Rgb8> BlurByPyramids(const RenderView& view, const CircleOfConfusion& circle, int threads) {
+Image<Light> BlurByPyramids(const RenderView& view, const CircleOfConfusion& circle, int threads) {
   const int width = view.color.width(), height = view.color.height();
   const LinearLight& tables = LinearLight::Tables();
   Image<float> radius_px(width, height);
@@ -106,9 +105,8 @@ Image<Rgb8> BlurByPyramids(const RenderView& view, const CircleOfConfusion& circ
     for (size_t i = 0; i < sum.pixel_count(); ++i)
       sum.data()[i] = color.data()[i] + (1 - color.data()[i][3]) * sum.data()[i];
   }
-  Image<Rgb8> out(width, height);
-  for (size_t i = 0; i < out.pixel_count(); ++i) out.data()[i] = tables.Encode(sum.data()[i] / sum.data()[i][3]);
-  return out;
+  for (size_t i = 0; i < sum.pixel_count(); ++i) sum.data()[i] /= sum.data()[i][3];
+  return sum;
 }
 
 }  // namespace depthtween

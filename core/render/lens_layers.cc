@@ -8,7 +8,6 @@
 
 #include "core/base/parallel.h"
 #include "core/render/aperture.h"
-#include "core/render/linear_light.h"
 
 namespace depthtween {
 namespace {
@@ -81,11 +80,11 @@ class LayeredBlur {
     for (const SourceRow& row : rows_) reach_ = std::max(reach_, row.reach);
   }
 
-  Image<Rgb8> Render(int threads) const {
-    Image<Rgb8> out(width_, height_);
+  Image<Light> Render(int threads) const {
+    Image<Light> out(width_, height_);
     ParallelRows(height_, threads, [&](int first, int last) {
-      // Per pixel all layers side by side, and as differences from the pixel to the left: a row of a circle is two
-      // entries however long it is.
+      // Per pixel all layers side by side, and as differences from the pixel to the left: a row of a circle is its
+      // rims, however wide it is.
       std::vector<Light> steps(static_cast<size_t>(width_ + 2 * Margin()) * layers_.count(), Light{});
       for (int y = first; y < last; ++y) {
         for (int down = -reach_; down <= reach_; ++down) {
@@ -150,18 +149,13 @@ class LayeredBlur {
     const int layers = layers_.count();
     for (const Source& source : sources) {
       if (std::abs(down) > source.reach) continue;
-      const Aperture::Row& row = aperture_.RowAt(source.row + down);
       Light* const at = steps.data() + (source.x + Margin()) * layers + source.layer;
-      const Light begins_late = source.light * row.begin_share, ends_late = source.light * row.end_share;
-      at[row.begin_px * layers] += source.light - begins_late;
-      at[(row.begin_px + 1) * layers] += begins_late;
-      at[row.end_px * layers] -= source.light - ends_late;
-      at[(row.end_px + 1) * layers] -= ends_late;
+      for (const auto& [px, change] : aperture_.RowAt(source.row + down)) at[px * layers] += source.light * change;
     }
   }
 
   // Sums up a row's steps, fills each pixel's lens from near to far, and leaves the steps zero.
-  void Compose(std::vector<Light>& steps, Rgb8* out) const {
+  void Compose(std::vector<Light>& steps, Light* out) const {
     const int layers = layers_.count();
     std::vector<Light> sums(layers, Light{});
     Light* step = steps.data();
@@ -178,7 +172,7 @@ class LayeredBlur {
       const Light behind = Fill(sums, std::min(first_hidden - 1, layers), layers, 1 - before[3]);
       Light filled = before;
       if (behind[3] > kNothing) filled += behind * ((1 - before[3]) / behind[3]);
-      out[x] = LinearLight::Tables().Encode(filled / std::max(filled[3], kNothing));
+      out[x] = filled / filled[3];
     }
   }
 
@@ -206,8 +200,8 @@ class LayeredBlur {
 
 }  // namespace
 
-Image<Rgb8> BlurInLayers(const RenderView& view, const HiddenBackground& hidden, const CircleOfConfusion& circle,
-                         const LensLayersOptions& options, int threads) {
+Image<Light> BlurInLayers(const RenderView& view, const HiddenBackground& hidden, const CircleOfConfusion& circle,
+                          const LensLayersOptions& options, int threads) {
   return LayeredBlur(view, hidden, circle, options, threads).Render(threads);
 }
 

@@ -14,6 +14,7 @@
 #include "core/base/image.h"
 #include "core/render/hidden_background.h"
 #include "core/render/lens.h"
+#include "core/render/linear_light.h"
 #include "core/render/render_view.h"
 
 namespace depthtween {
@@ -23,9 +24,9 @@ struct LensLayersOptions {
   int layers = 20;  // at least 4
 };
 
-// `hidden` may be empty.
-Image<Rgb8> BlurInLayers(const RenderView& view, const HiddenBackground& hidden, const CircleOfConfusion& circle,
-                         const LensLayersOptions& options, int threads);
+// Linear light of weight 1. `hidden` may be empty.
+Image<Light> BlurInLayers(const RenderView& view, const HiddenBackground& hidden, const CircleOfConfusion& circle,
+                          const LensLayersOptions& options, int threads);
 
 }  // namespace depthtween
 

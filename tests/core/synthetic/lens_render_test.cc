@@ -19,6 +19,7 @@ Scene PatchBeforeWall(double patch_m, double half_m) {
                 {.color = LinearRgb::Zero(), .grain = 0.0F});
   scene.AddPart(scene.AddBody("patch"), MakeBox(2 * half_m, 0.002, 2 * half_m), At(0, patch_m + 0.001, 0),
                 {.color = LinearRgb::Constant(100), .grain = 0.0F});
+  scene.AddLamp({0, -1, 0}, 10);  // far brighter than white
   scene.SetCamera([](double) { return LookAt(Vec3::Zero(), {0, 1, 0}); });
   return scene;
 }
