@@ -76,7 +76,7 @@ Image<float> InverseDepth(ImageView<const float> depth_m, float inverse_converge
         while (known < width && row[known] <= 0) ++known;
         const float left = x > 0 ? row[x - 1] : 0.0F, right = known < width ? row[known] : 0.0F;
         const float farther = left > 0 && right > 0 ? std::min(left, right) : std::max(left, right);
-        std::fill(row + x, row + known, farther > 0 ? farther : inverse_convergence);
+        std::fill(row + x, row + known, farther > 0 ? farther : std::max(inverse_convergence, 1e-6F));
         x = known;
       }
     }
