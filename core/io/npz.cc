@@ -141,10 +141,9 @@ bool Inflate(std::string_view packed, std::string& out) {
   return whole;
 }
 
-std::string Deflate(std::string_view bytes) {
+std::string Deflate(std::string_view bytes, int level) {
   z_stream stream = {};
-  if (::deflateInit2(&stream, Z_DEFAULT_COMPRESSION, Z_DEFLATED, -MAX_WBITS, /*memLevel=*/8, Z_DEFAULT_STRATEGY) !=
-      Z_OK)
+  if (::deflateInit2(&stream, level, Z_DEFLATED, -MAX_WBITS, /*memLevel=*/8, Z_DEFAULT_STRATEGY) != Z_OK)
     throw std::bad_alloc();
   std::string packed(::deflateBound(&stream, bytes.size()), '\0');
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(bytes.data()));
@@ -436,6 +435,7 @@ absl::StatusOr<Npz> ReadNpz(const std::string& path, const NpzLimits& limits) {
 absl::StatusOr<std::string> EncodeNpz(const Npz& arrays, NpzCompression compression) {
   if (arrays.size() > 65535) return absl::InvalidArgumentError("an npz holds at most 65535 arrays");
   const uint16_t method = compression == NpzCompression::kStored ? kStored : kDeflated;
+  const int level = compression == NpzCompression::kFast ? Z_BEST_SPEED : Z_DEFAULT_COMPRESSION;
   std::string zip, directory;
   for (const auto& [name, array] : arrays) {
     const std::optional<int64_t> count = Product(array.shape, static_cast<int64_t>(array.bytes.size()));
@@ -445,7 +445,7 @@ absl::StatusOr<std::string> EncodeNpz(const Npz& arrays, NpzCompression compress
                           absl::StrJoin(array.shape, ", "), array.bytes.size(), ElementBytes(array.type)));
     const std::string file = absl::StrCat(name, kNpySuffix.data());
     const std::string npy = EncodeNpy(array);
-    const std::string packed = method == kStored ? npy : Deflate(npy);
+    const std::string packed = method == kStored ? npy : Deflate(npy, level);
     if (file.size() > 65535 || zip.size() + npy.size() + packed.size() > std::numeric_limits<uint32_t>::max() / 2)
       return absl::InvalidArgumentError(absl::StrFormat("array %s makes the npz larger than 2 GiB: split it", name));
     // From `version needed` to `length of extra field`, local and central headers agree.

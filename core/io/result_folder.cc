@@ -1,5 +1,7 @@
 #include "core/io/result_folder.h"
 
+#include <cmath>
+#include <cstring>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -7,6 +9,7 @@
 #include "core/io/file.h"
 #include "core/io/folder_parts.h"
 #include "core/io/frame_list.h"
+#include "core/io/npz.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
 
@@ -18,17 +21,18 @@ constexpr int64_t kMaxReportBytes = int64_t{64} << 20;
 
 std::string FrameName(const char* folder, const std::string& stem) { return absl::StrCat(folder, "/", stem, ".png"); }
 
+struct HalfFlow {
+  uint16_t u = 0, v = 0;
+};
+
+float RoundMotion(float pixels) { return std::nearbyint(pixels * 32.0F) / 32.0F; }
+
 Image<uint8_t> ProvenanceBytes(ImageView<const Provenance> provenance) {
   Image<uint8_t> bytes(provenance.width(), provenance.height());
   for (int y = 0; y < bytes.height(); ++y) {
     for (int x = 0; x < bytes.width(); ++x) bytes(x, y) = static_cast<uint8_t>(provenance(x, y));
   }
   return bytes;
-}
-
-absl::StatusOr<Image<float>> ReadDepth(const std::string& dir, const std::string& stem, double depth_scale) {
-  ASSIGN_OR_RETURN(const Image<uint16_t> units, ReadPng16(JoinPath(dir, ResultDepthName(stem))));
-  return DequantiseDepth(units, depth_scale);
 }
 
 absl::StatusOr<Image<float>> ReadSigma(const std::string& dir, const std::string& stem, double depth_scale) {
@@ -63,6 +67,7 @@ absl::StatusOr<std::string> StemAt(const std::vector<FrameRef>& frames, int inde
 std::string ResultDepthName(const std::string& stem) { return FrameName("depth", stem); }
 std::string ResultUncertaintyName(const std::string& stem) { return FrameName("uncertainty", stem); }
 std::string ResultProvenanceName(const std::string& stem) { return FrameName("provenance", stem); }
+std::string ResultMotionName(const std::string& stem) { return absl::StrCat("motion/", stem, ".npz"); }
 
 absl::Status WriteResultFrame(const std::string& dir, const std::string& stem, double depth_scale,
                               const DepthResult& result) {
@@ -72,6 +77,10 @@ absl::Status WriteResultFrame(const std::string& dir, const std::string& stem, d
         absl::StrFormat("frame %s: depth is %d x %d, uncertainty %d x %d, provenance %d x %d pixels: they must agree",
                         stem, depth_m.width(), depth_m.height(), result.sigma_m.width(), result.sigma_m.height(),
                         result.provenance.width(), result.provenance.height()));
+  if (!result.motion_next.empty()) {
+    ASSIGN_OR_RETURN(const std::string motion, EncodeMotion(result.motion_next, result.motion_back));
+    RETURN_IF_ERROR(WriteFileDurably(JoinPath(dir, ResultMotionName(stem)), motion));
+  }
   ASSIGN_OR_RETURN(const std::string provenance, EncodePng8(ProvenanceBytes(result.provenance)));
   ASSIGN_OR_RETURN(const std::string uncertainty, EncodePng16(QuantiseSigma(result.sigma_m, depth_scale)));
   ASSIGN_OR_RETURN(const std::string depth, EncodePng16(QuantiseDepth(depth_m, depth_scale)));
@@ -80,9 +89,14 @@ absl::Status WriteResultFrame(const std::string& dir, const std::string& stem, d
   return WriteFileDurably(JoinPath(dir, ResultDepthName(stem)), depth);
 }
 
+absl::StatusOr<Image<float>> ReadResultDepth(const std::string& dir, const std::string& stem, double depth_scale) {
+  ASSIGN_OR_RETURN(const Image<uint16_t> units, ReadPng16(JoinPath(dir, ResultDepthName(stem))));
+  return DequantiseDepth(units, depth_scale);
+}
+
 absl::StatusOr<DepthResult> ReadResultFrame(const std::string& dir, const std::string& stem, double depth_scale) {
   DepthResult result;
-  ASSIGN_OR_RETURN(result.depth_m, ReadDepth(dir, stem, depth_scale));
+  ASSIGN_OR_RETURN(result.depth_m, ReadResultDepth(dir, stem, depth_scale));
   ASSIGN_OR_RETURN(result.sigma_m, ReadSigma(dir, stem, depth_scale));
   ASSIGN_OR_RETURN(result.provenance, ReadProvenance(dir, stem));
   const ImageView<const float> depth_m = result.depth_m;
@@ -91,12 +105,56 @@ absl::StatusOr<DepthResult> ReadResultFrame(const std::string& dir, const std::s
   return result;
 }
 
-absl::StatusOr<ResultWriter> ResultWriter::Create(const std::string& dir, const Sequence& sequence) {
+absl::StatusOr<std::string> EncodeMotion(ImageView<const Flow2> next, ImageView<const Flow2> back) {
+  if (!next.SameSize(back))
+    return absl::InvalidArgumentError(absl::StrFormat("motion: next is %d x %d, back %d x %d pixels: they must agree",
+                                                      next.width(), next.height(), back.width(), back.height()));
+  Npz arrays;
+  for (const auto& [name, flow] : {std::pair("next", next), std::pair("back", back)}) {
+    NpyArray& array = arrays[name];
+    array.type = ElementType::kFloat16;
+    array.shape = {flow.height(), flow.width(), 2};
+    array.bytes.resize(flow.pixel_count() * sizeof(HalfFlow));
+    char* out = array.bytes.data();
+    for (int y = 0; y < flow.height(); ++y) {
+      const Flow2* row = flow.row(y);
+      for (int x = 0; x < flow.width(); ++x, out += sizeof(HalfFlow)) {
+        const HalfFlow stored = {FloatToHalf(RoundMotion(row[x].u)), FloatToHalf(RoundMotion(row[x].v))};
+        std::memcpy(out, &stored, sizeof(stored));
+      }
+    }
+  }
+  return EncodeNpz(arrays, NpzCompression::kFast);
+}
+
+absl::StatusOr<FrameMotion> ReadResultMotion(const std::string& dir, const std::string& stem) {
+  const std::string path = JoinPath(dir, ResultMotionName(stem));
+  ASSIGN_OR_RETURN(const Npz arrays, ReadNpz(path));
+  FrameMotion motion;
+  for (const auto& [name, flow] : {std::pair("next", &motion.next), std::pair("back", &motion.back)}) {
+    const auto found = arrays.find(name);
+    if (found == arrays.end() || found->second.type != ElementType::kFloat16 || found->second.shape.size() != 3 ||
+        found->second.shape[2] != 2 || found->second.shape != arrays.begin()->second.shape)
+      return absl::DataLossError(absl::StrFormat("%s: array '%s' must be H x W x 2 half floats", path, name));
+    const NpyArray& array = found->second;
+    *flow = Image<Flow2>(static_cast<int>(array.shape[1]), static_cast<int>(array.shape[0]));
+    const char* in = array.bytes.data();
+    for (size_t i = 0; i < flow->pixel_count(); ++i, in += sizeof(HalfFlow)) {
+      HalfFlow stored;
+      std::memcpy(&stored, in, sizeof(stored));
+      flow->data()[i] = {HalfToFloat(stored.u), HalfToFloat(stored.v)};
+    }
+  }
+  return motion;
+}
+
+absl::StatusOr<ResultWriter> ResultWriter::Create(const std::string& dir, const Sequence& sequence, bool with_motion) {
   RETURN_IF_ERROR(Validate(sequence));
   if (FileExists(JoinPath(dir, "rgb.txt")) && !FileExists(JoinPath(dir, kReportFile)))
     return absl::AlreadyExistsError(
         absl::StrCat(dir, " holds a recording, whose depth the result would overwrite: choose another folder"));
   for (const char* folder : {"depth", "uncertainty", "provenance"}) RETURN_IF_ERROR(MakeFolder(JoinPath(dir, folder)));
+  if (with_motion) RETURN_IF_ERROR(MakeFolder(JoinPath(dir, "motion")));
   return ResultWriter(dir, sequence);
 }
 
@@ -147,7 +205,7 @@ absl::StatusOr<ResultFolder> ResultFolder::Open(const std::string& dir) {
 
 absl::StatusOr<Image<float>> ResultFolder::Depth(int index) const {
   ASSIGN_OR_RETURN(const std::string stem, StemAt(frames_, index));
-  return ReadDepth(dir_, stem, depth_scale_);
+  return ReadResultDepth(dir_, stem, depth_scale_);
 }
 
 absl::StatusOr<Image<float>> ResultFolder::Sigma(int index) const {

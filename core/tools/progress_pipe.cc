@@ -4,6 +4,9 @@
 
 #include <cerrno>
 #include <string>
+#include <utility>
+
+#include "core/tools/render_options.h"
 
 namespace depthtween::tools {
 
@@ -22,9 +25,10 @@ void ProgressPipe::Send(const nlohmann::json& line) {
 }
 
 void ProgressPipe::SendError(const absl::Status& status) {
-  Send({{"error",
-         {{"code", absl::StatusCodeToString(status.code())},
-          {"message", std::string(status.message().data(), status.message().size())}}}});
+  nlohmann::json error = {{"code", absl::StatusCodeToString(status.code())},
+                          {"message", std::string(status.message().data(), status.message().size())}};
+  if (const std::string field = FieldOf(status); !field.empty()) error["field"] = field;
+  Send({{"error", std::move(error)}});
 }
 
 }  // namespace depthtween::tools

@@ -4,7 +4,9 @@
 //   {"frame": 17, "interval": 3}                             its files are on the disk
 //   {"interval_done": 3, "seconds": 0.61, "frames": 8}       so is the interval's report
 //   {"checked": 12, "of": 66}                                files of a sequence
-//   {"error": {"code": "RESOURCE_EXHAUSTED", "message": ""}} the last line of a task that failed
+//   {"error": {"code": "RESOURCE_EXHAUSTED", "message": ""}} the last line of a task that failed; has a "field" when
+//   one
+//                                                            of the options is to blame
 #ifndef DEPTHTWEEN_CORE_TOOLS_PROGRESS_PIPE_H_
 #define DEPTHTWEEN_CORE_TOOLS_PROGRESS_PIPE_H_
 

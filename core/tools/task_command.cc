@@ -2,13 +2,16 @@
 // a crash in a decoder on a hostile file, a memory limit or a cancelled job ends the child alone.
 #include <sys/prctl.h>
 
+#include <algorithm>
 #include <csignal>
 #include <exception>
 #include <functional>
 #include <iostream>
 #include <memory>
 #include <new>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_format.h"
 #include "core/io/camera_json.h"
@@ -16,8 +19,10 @@
 #include "core/io/sequence_folder.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_pipe.h"
+#include "core/tools/render_run.h"
 #include "core/tools/signals.h"
 #include "core/tools/upsample_run.h"
+#include "core/tools/write_queue.h"
 
 namespace depthtween::tools {
 namespace {
@@ -25,8 +30,8 @@ namespace {
 using nlohmann::json;
 
 struct TaskArguments {
-  std::string sequence, options, constants, out;
-  int first = 0, count = 0, threads = 1, progress_fd = -1;
+  std::string sequence, options, constants, out, result, render;
+  int first = 0, count = 0, frame = 0, threads = 1, progress_fd = -1;
 };
 
 struct Task {
@@ -41,17 +46,36 @@ std::string IntervalReportPath(const std::string& dir, int interval) {
   return JoinPath(dir, absl::StrFormat("interval_%06d.json", interval));
 }
 
+std::string RenderPartPath(const std::string& dir, const std::string& render, int interval) {
+  return JoinPath(dir, absl::StrFormat("render_%s_%06d.json", render, interval));
+}
+
+std::string RenderPath(size_t index) { return absl::StrCat("renders[", index, "]"); }
+
 // What every task but `validate` begins with.
 struct Input {
   UpsampleOptions options;
+  std::vector<RenderOptions> renders;
+  json render;  // of render-frame
   std::unique_ptr<SequenceFolder> folder;
   std::unique_ptr<EveryNthDepth> source;
 };
 
 absl::StatusOr<Input> OpenInput(const TaskArguments& arguments) {
   Input input;
-  ASSIGN_OR_RETURN(const std::string options, ReadFile(arguments.options));
-  ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(options));
+  ASSIGN_OR_RETURN(const std::string text, ReadFile(arguments.options));
+  json options = json::parse(text, /*cb=*/nullptr, /*allow_exceptions=*/false);
+  if (options.is_object()) {
+    if (options.contains("renders")) {
+      ASSIGN_OR_RETURN(input.renders, ParseRenders(options["renders"]));
+    }
+    if (options.contains("render")) input.render = options["render"];
+    options.erase("renders");
+    options.erase("render");
+    ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(options.dump()));
+  } else {
+    ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(text));  // says what is wrong with it
+  }
   ASSIGN_OR_RETURN(input.folder, SequenceFolder::Open(arguments.sequence));
   input.source = std::make_unique<EveryNthDepth>(*input.folder, input.options.key_every);
   return input;
@@ -97,6 +121,9 @@ absl::Status ValidateTask(const Task& task) {
 absl::Status PrepareTask(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(task.arguments));
   ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*input.source));
+  // A render that does not fit this clip is better refused now than after its depth has been computed.
+  for (size_t i = 0; i < input.renders.size(); ++i)
+    RETURN_IF_ERROR(CheckRender(input.renders[i], input.source->sequence(), plan.constants, RenderPath(i)));
   return WriteFileDurably(task.arguments.constants, Dump(ToJson(plan, input.source->sequence())));
 }
 
@@ -125,11 +152,112 @@ absl::Status IntervalsTask(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
   ASSIGN_OR_RETURN(const ClipPlan plan, ReadClipPlan(arguments, input));
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(input.options));
-  ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, input.source->sequence()));
+  ASSIGN_OR_RETURN(const ResultWriter writer,
+                   ResultWriter::Create(arguments.out, input.source->sequence(), input.options.keep_motion));
   TaskObserver observer(task);
-  return RunIntervals(*upsampler, *input.source, plan, arguments.first, arguments.count, input.options.threads,
-                      task.stop, writer, observer)
+  return RunIntervals(*upsampler, *input.source, plan, arguments.first, arguments.count, input.options, task.stop,
+                      writer, observer)
       .status();
+}
+
+absl::Status PlanRendersTask(const Task& task) {
+  ASSIGN_OR_RETURN(const Input input, OpenInput(task.arguments));
+  json plans = json::array();
+  for (size_t i = 0; i < input.renders.size(); ++i) {
+    ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(input.renders[i], input.source->sequence(), RenderPath(i)));
+    plans.push_back(ToJson(input.renders[i], plan));
+  }
+  return WriteFile(task.arguments.out, Dump({{"renders", std::move(plans)}}));
+}
+
+absl::Status RenderTask(const Task& task) {
+  const TaskArguments& arguments = task.arguments;
+  ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
+  ASSIGN_OR_RETURN(const ClipPlan clip, ReadClipPlan(arguments, input));
+  const auto options = std::find_if(input.renders.begin(), input.renders.end(),
+                                    [&](const RenderOptions& render) { return render.name == arguments.render; });
+  if (options == input.renders.end())
+    return absl::InvalidArgumentError(absl::StrCat("--render ", arguments.render, ": the options have no such render"));
+  const std::string path = RenderPath(static_cast<size_t>(options - input.renders.begin()));
+  RETURN_IF_ERROR(CheckIntervals(clip, arguments.first, arguments.count));
+  const Sequence& sequence = input.source->sequence();
+  ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(*options, sequence, path));
+  ASSIGN_OR_RETURN(const auto renderer,
+                   Renderer::Create(*options, {input.source.get(), arguments.result, clip.constants}, path));
+  ASSIGN_OR_RETURN(const PictureFolders folders, PictureFolders::Create(arguments.out, *options, plan));
+  // Where the pieces beside this one left the focus, if they are there.
+  const auto read_part = [&](int interval) -> std::optional<RenderPart> {
+    const absl::StatusOr<std::string> text = ReadFile(RenderPartPath(arguments.result, options->name, interval));
+    if (!text.ok()) return std::nullopt;
+    const absl::StatusOr<RenderPart> part = ParseRenderPart(*text);
+    return part.ok() ? std::optional(*part) : std::nullopt;
+  };
+  std::optional<RenderPart> before = read_part(arguments.first - 1);
+  for (int i = arguments.first; i < arguments.first + arguments.count; ++i) {
+    const Interval& interval = clip.intervals[i];
+    task.progress.Send({{"stage", "render " + options->name}, {"interval", i}});
+    if (!before) before = read_part(i + 1);
+    WriteQueue queue(input.options.threads, [&](int frame) {
+      task.progress.Send({{"frame", frame}, {"interval", i}});
+    });
+    const auto sink = [&](int frame, std::vector<Image<Rgb8>> pictures) {
+      return queue.Add(frame, [&folders, stem = sequence.color[frame].Stem(), pictures = std::move(pictures)] {
+        return folders.Write(stem, pictures);
+      });
+    };
+    ASSIGN_OR_RETURN(RenderPart part,
+                     renderer->Run(interval.first_frame, interval.frame_count, before ? &*before : nullptr,
+                                   input.options.threads, task.stop, sink));
+    RETURN_IF_ERROR(queue.Finish());
+    RETURN_IF_ERROR(WriteFileDurably(RenderPartPath(arguments.out, options->name, i), Dump(ToJson(part))));
+    task.progress.Send({{"interval_done", i}, {"seconds", part.seconds}, {"frames", part.frames}});
+    before = std::move(part);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status RenderFrameTask(const Task& task) {
+  const TaskArguments& arguments = task.arguments;
+  ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
+  ASSIGN_OR_RETURN(const ClipPlan clip, ReadClipPlan(arguments, input));
+  ASSIGN_OR_RETURN(const RenderOptions options, ParseRender(input.render, "render"));
+  ASSIGN_OR_RETURN(const auto renderer,
+                   Renderer::Create(options, {input.source.get(), arguments.result, clip.constants}, "render"));
+  std::vector<Image<Rgb8>> rendered;
+  const auto sink = [&](int, std::vector<Image<Rgb8>> pictures) {
+    rendered = std::move(pictures);
+    return absl::OkStatus();
+  };
+  RETURN_IF_ERROR(renderer->Run(arguments.frame, 1, nullptr, input.options.threads, task.stop, sink).status());
+  if (rendered.size() != 1)
+    return FieldError("render.stereo.format", "= separate, which makes two pictures: ask for one that is one");
+  ASSIGN_OR_RETURN(const std::string bytes, EncodePicture(rendered[0], options.frame_format));
+  return WriteFile(arguments.out, bytes);
+}
+
+// The videos of all renders, and what the report says of them.
+absl::StatusOr<json> AssembleRenders(const Task& task, const Input& input, const ClipPlan& clip) {
+  const std::string& dir = task.arguments.out;
+  json reports = json::array();
+  for (size_t i = 0; i < input.renders.size(); ++i) {
+    const RenderOptions& options = input.renders[i];
+    ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, input.source->sequence(), RenderPath(i)));
+    std::vector<RenderPart> parts;
+    for (const Interval& interval : clip.intervals) {
+      ASSIGN_OR_RETURN(const std::string text, ReadFile(RenderPartPath(dir, options.name, interval.index)));
+      ASSIGN_OR_RETURN(parts.emplace_back(), ParseRenderPart(text));
+    }
+    task.progress.Send({{"stage", "assemble " + options.name}, {"interval", 0}});
+    RETURN_IF_ERROR(AssembleVideos(dir, options, plan, input.source->sequence(), task.stop));
+    ASSIGN_OR_RETURN(const auto renderer,
+                     Renderer::Create(options, {input.source.get(), dir, clip.constants}, RenderPath(i)));
+    json report = renderer->Report(parts);
+    double seconds = 0;
+    for (const RenderPart& part : parts) seconds += part.seconds;
+    report.update({{"name", options.name}, {"seconds", seconds}, {"videos", plan.videos}});
+    reports.push_back(std::move(report));
+  }
+  return reports;
 }
 
 absl::Status AssembleTask(const Task& task) {
@@ -143,8 +271,10 @@ absl::Status AssembleTask(const Task& task) {
     ASSIGN_OR_RETURN(const std::string text, ReadFile(path));
     ASSIGN_OR_RETURN(reports.emplace_back(), ParseIntervalReport(text));
   }
+  ASSIGN_OR_RETURN(json renders, AssembleRenders(task, input, plan));
   ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, input.source->sequence()));
-  return AssembleResult(input.options, arguments.sequence, input.source->sequence(), plan, reports, writer);
+  return AssembleResult(input.options, arguments.sequence, input.source->sequence(), plan, reports, std::move(renders),
+                        writer);
 }
 
 // Runs a task as a child should: it dies with its parent, stops when told or when nobody reads its progress, and
@@ -189,7 +319,7 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
     return step;
   };
   const auto add_options = [&](CLI::App* step) {
-    step->add_option("--options", arguments->options, "JSON file: method, key_every, threads")
+    step->add_option("--options", arguments->options, "JSON file: method, key_every, threads, keep_motion, renders")
         ->required()
         ->type_name("FILE");
   };
@@ -217,6 +347,30 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
   intervals->add_option("--first", arguments->first, "First interval")->required()->type_name("I");
   intervals->add_option("--count", arguments->count, "How many intervals")->required()->type_name("N");
   add_out(intervals);
+
+  CLI::App* const plan_renders =
+      add("plan-renders", "Check the renders and say what they need and leave", PlanRendersTask);
+  add_options(plan_renders);
+  plan_renders->add_option("--out", arguments->out, "JSON file to write")->required()->type_name("FILE");
+
+  const auto add_result = [&](CLI::App* step) {
+    step->add_option("--result", arguments->result, "Result folder with finished frames")->required()->type_name("DIR");
+  };
+  CLI::App* const render = add("render", "Render some intervals", RenderTask);
+  add_options(render);
+  add_constants(render, "File that prepare wrote");
+  add_result(render);
+  render->add_option("--render", arguments->render, "Name of the render")->required()->type_name("NAME");
+  render->add_option("--first", arguments->first, "First interval")->required()->type_name("I");
+  render->add_option("--count", arguments->count, "How many intervals")->required()->type_name("N");
+  add_out(render);
+
+  CLI::App* const render_frame = add("render-frame", "Render one frame, by `render` of the options", RenderFrameTask);
+  add_options(render_frame);
+  add_constants(render_frame, "File that prepare wrote");
+  add_result(render_frame);
+  render_frame->add_option("--frame", arguments->frame, "Which")->required()->type_name("N");
+  render_frame->add_option("--out", arguments->out, "Picture to write")->required()->type_name("FILE");
 
   CLI::App* const assemble = add("assemble", "End a result whose intervals are all there", AssembleTask);
   add_options(assemble);

@@ -37,7 +37,7 @@ absl::Status ClearOutput(const std::string& out, bool force) {
   if (!force)
     return absl::AlreadyExistsError(
         absl::StrCat(out, " is not empty: name another folder, or use --force to replace an earlier result in it"));
-  for (const char* part : {"report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance"}) {
+  for (const char* part : {"report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance", "motion"}) {
     const fs::path path = fs::path(out) / part;
     fs::remove_all(path, error);
     if (error) return ErrnoStatus(error.value(), "removing " + path.string());
@@ -52,14 +52,15 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
   const EveryNthDepth source(*folder, options.key_every);
   RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
-  ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, source.sequence()));
+  ASSIGN_OR_RETURN(const ResultWriter writer,
+                   ResultWriter::Create(arguments.out, source.sequence(), options.keep_motion));
   ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(source));
   for (const std::string& warning : plan.constants.warnings) std::cerr << "warning: " << warning << std::endl;
 
   std::vector<IntervalReport> reports;
   {
     ProgressBar progress(plan);
-    auto ran = RunIntervals(*upsampler, source, plan, 0, static_cast<int>(plan.intervals.size()), options.threads,
+    auto ran = RunIntervals(*upsampler, source, plan, 0, static_cast<int>(plan.intervals.size()), options,
                             signals.token(), writer, progress);
     if (absl::IsCancelled(ran.status()))
       return absl::CancelledError(absl::StrFormat(
@@ -67,7 +68,8 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
     ASSIGN_OR_RETURN(reports, std::move(ran));
   }
   const std::string sequence_dir = fs::absolute(arguments.sequence).lexically_normal().string();
-  RETURN_IF_ERROR(AssembleResult(options, sequence_dir, source.sequence(), plan, reports, writer));
+  RETURN_IF_ERROR(
+      AssembleResult(options, sequence_dir, source.sequence(), plan, reports, nlohmann::json::array(), writer));
 
   double seconds = 0.0;
   for (const IntervalReport& report : reports) seconds += report.seconds;
@@ -104,6 +106,9 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str()
       ->check(CLI::Range(1, kMaxThreads))
       ->type_name("N");
+  command->add_flag(
+      "--keep-motion", arguments->options.keep_motion,
+      "Keep the motion between frames too (motion/*.npz): `render` then looks behind edges in other frames");
   command->add_flag("--force", arguments->force, "Replace an earlier result in OUT");
   command->callback([=] { *exit_code = ReportStatus(Upsample(*arguments)); });
 }

@@ -4,9 +4,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <deque>
-#include <functional>
-#include <future>
 #include <map>
 #include <opencv2/core/version.hpp>
 #include <utility>
@@ -14,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/baselines/baselines.h"
+#include "core/tools/write_queue.h"
 #include "core/upsample/pipeline.h"
 
 namespace depthtween::tools {
@@ -44,42 +42,6 @@ json IntervalToJson(const Interval& interval) {
           {"held", interval.Held()}};
 }
 
-// Writes frames side by side: packing and syncing three PNGs takes a good part of the time that computing them does.
-// At most `limit` are in flight, which bounds memory. Frames are told of in the order they came.
-class FrameQueue {
- public:
-  FrameQueue(const ResultWriter& writer, int limit, std::function<void(int frame)> on_written)
-      : writer_(writer), limit_(static_cast<size_t>(limit)), on_written_(std::move(on_written)) {}
-
-  // Waits while the queue is full; the error may be an earlier frame's.
-  absl::Status Write(DepthResult result) {
-    if (in_flight_.size() == limit_) RETURN_IF_ERROR(AwaitFirst());
-    const int frame = result.color_index;
-    in_flight_.emplace_back(
-        frame, std::async(std::launch::async, [this, result = std::move(result)] { return writer_.Write(result); }));
-    return absl::OkStatus();
-  }
-
-  absl::Status Finish() {
-    while (!in_flight_.empty()) RETURN_IF_ERROR(AwaitFirst());
-    return absl::OkStatus();
-  }
-
- private:
-  absl::Status AwaitFirst() {
-    const int frame = in_flight_.front().first;
-    const absl::Status written = in_flight_.front().second.get();
-    in_flight_.pop_front();
-    if (written.ok()) on_written_(frame);
-    return written;
-  }
-
-  const ResultWriter& writer_;
-  const size_t limit_;
-  const std::function<void(int)> on_written_;
-  std::deque<std::pair<int, std::future<absl::Status>>> in_flight_;  // futures of std::async wait when destroyed
-};
-
 }  // namespace
 
 const std::vector<std::string>& UpsampleMethods() {
@@ -105,7 +67,10 @@ absl::Status UpsampleOptions::Validate() const {
 }
 
 json ToJson(const UpsampleOptions& options) {
-  return {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
+  return {{"method", options.method},
+          {"key_every", options.key_every},
+          {"threads", options.threads},
+          {"keep_motion", options.keep_motion}};
 }
 
 absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
@@ -127,9 +92,14 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
         RETURN_IF_ERROR(read_int(options.key_every));
       } else if (field == "threads") {
         RETURN_IF_ERROR(read_int(options.threads));
+      } else if (field == "keep_motion") {
+        if (!entry.is_boolean())
+          return absl::InvalidArgumentError(
+              absl::StrFormat("options.%s = %s, must be true or false", field, entry.dump()));
+        options.keep_motion = entry.get<bool>();
       } else {
-        return absl::InvalidArgumentError(
-            absl::StrFormat("options.%s is not known: the options are method, key_every and threads", field));
+        return absl::InvalidArgumentError(absl::StrFormat(
+            "options.%s is not known: the options are method, key_every, threads and keep_motion", field));
       }
     }
     RETURN_IF_ERROR(options.Validate());
@@ -190,6 +160,14 @@ absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& se
   });
 }
 
+absl::Status CheckIntervals(const ClipPlan& plan, int first, int count) {
+  const int interval_count = static_cast<int>(plan.intervals.size());
+  if (first >= 0 && count >= 1 && first < interval_count && count <= interval_count - first) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrFormat("%d intervals from interval %d on are not there: this clip has intervals 0 to %d", count, first,
+                      interval_count - 1));
+}
+
 json ToJson(const IntervalReport& report) {
   return {{"interval", report.index},
           {"seconds", report.seconds},
@@ -209,23 +187,23 @@ absl::StatusOr<IntervalReport> ParseIntervalReport(std::string_view text) {
 }
 
 absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsampler, const FrameSource& source,
-                                                         const ClipPlan& plan, int first, int count, int threads,
-                                                         std::stop_token stop, const ResultWriter& writer,
-                                                         RunObserver& observer) {
-  const int interval_count = static_cast<int>(plan.intervals.size());
-  if (first < 0 || count < 1 || first >= interval_count || count > interval_count - first)
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%d intervals from interval %d on are not there: this clip has intervals 0 to %d", count, first,
-                        interval_count - 1));
+                                                         const ClipPlan& plan, int first, int count,
+                                                         const UpsampleOptions& options, std::stop_token stop,
+                                                         const ResultWriter& writer, RunObserver& observer) {
+  RETURN_IF_ERROR(CheckIntervals(plan, first, count));
   std::vector<IntervalReport> reports;
   for (int i = first; i < first + count; ++i) {
     const auto start = Clock::now();
-    FrameQueue queue(writer, threads, [&](int frame) { observer.OnFrame(i, frame); });
-    const RunContext context{
-        .threads = threads, .stop = stop, .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
+    // Packing and syncing three PNGs takes a good part of the time that computing them does.
+    WriteQueue queue(options.threads, [&](int frame) { observer.OnFrame(i, frame); });
+    const RunContext context{.threads = options.threads,
+                             .stop = stop,
+                             .want_motion = options.keep_motion,
+                             .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
     const auto sink = [&](DepthResult result) -> absl::Status {
       if (stop.stop_requested()) return absl::CancelledError("stopped");
-      return queue.Write(std::move(result));
+      const int frame = result.color_index;
+      return queue.Add(frame, [&writer, result = std::move(result)] { return writer.Write(result); });
     };
     IntervalReport report{.index = i};
     ASSIGN_OR_RETURN(report.summary, upsampler.Run(source, plan.constants, plan.intervals[i], context, sink));
@@ -242,7 +220,7 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
 }
 
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
-                            const ClipPlan& plan, const std::vector<IntervalReport>& reports,
+                            const ClipPlan& plan, const std::vector<IntervalReport>& reports, json renders,
                             const ResultWriter& writer) {
   std::vector<bool> seen(plan.intervals.size(), false);
   double seconds = 0.0;
@@ -274,6 +252,7 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
        {"terminations", terminations},
        {"seconds", seconds},
        {"stages", stages},
+       {"renders", std::move(renders)},
        {"constants", ToJson(plan.constants)},
        {"warnings", plan.constants.warnings},
        {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}});

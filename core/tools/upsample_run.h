@@ -26,6 +26,7 @@ struct UpsampleOptions {
   std::string method = "ours";  // one of UpsampleMethods()
   int key_every = 1;            // keep depth frames 0, n, 2n, ... as input. >= 1
   int threads = 1;              // does not change the result. 1 to kMaxThreads
+  bool keep_motion = false;     // between colour frames, for renders that look at other frames
 
   absl::Status Validate() const;
 };
@@ -56,6 +57,9 @@ absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view json, const Sequence& se
 
 nlohmann::json ToJson(const ClipConstants& constants);
 
+// InvalidArgument unless the clip has intervals [first, first + count), at least one.
+absl::Status CheckIntervals(const ClipPlan& plan, int first, int count);
+
 // What became of one interval.
 struct IntervalReport {
   int index = -1;
@@ -77,19 +81,20 @@ class RunObserver {
   virtual absl::Status OnIntervalDone(const IntervalReport& report) = 0;
 };
 
-// Runs plan.intervals[first .. first + count), writes their frames, and reports on each.
-// Errors: InvalidArgument if there are no such intervals; Cancelled when `stop` fires; what source, upsampler, writer
-// and observer return. Frames written before an error are whole and stay.
+// Runs plan.intervals[first .. first + count), writes their frames, and reports on each. Of `options` only `threads`
+// and `keep_motion` matter here. Errors: InvalidArgument if there are no such intervals; Cancelled when `stop` fires;
+// what source, upsampler, writer and observer return. Frames written before an error are whole and stay.
 absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsampler, const FrameSource& source,
-                                                         const ClipPlan& plan, int first, int count, int threads,
-                                                         std::stop_token stop, const ResultWriter& writer,
-                                                         RunObserver& observer);
+                                                         const ClipPlan& plan, int first, int count,
+                                                         const UpsampleOptions& options, std::stop_token stop,
+                                                         const ResultWriter& writer, RunObserver& observer);
 
 // Ends a result: lists its frames and writes report.json. `reports` are those of all intervals, in any order;
-// `sequence_dir` is where the input came from, for those who look at the result later.
+// `sequence_dir` is where the input came from, for those who look at the result later; `renders` is a JSON list of what
+// was rendered from it.
 // FailedPrecondition names an interval or frame that is missing.
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
-                            const ClipPlan& plan, const std::vector<IntervalReport>& reports,
+                            const ClipPlan& plan, const std::vector<IntervalReport>& reports, nlohmann::json renders,
                             const ResultWriter& writer);
 
 }  // namespace depthtween::tools

@@ -36,7 +36,7 @@ std::string Patched(std::string bytes, const std::string& from, const std::strin
 }
 
 TEST(Npz, RoundTripsStoredAndDeflated) {
-  for (const auto compression : {NpzCompression::kStored, NpzCompression::kDeflated}) {
+  for (const auto compression : {NpzCompression::kStored, NpzCompression::kFast, NpzCompression::kDeflated}) {
     const Npz arrays = SomeArrays();
     const auto decoded = DecodeNpz(*EncodeNpz(arrays, compression));
     ASSERT_THAT(decoded, IsOk());

@@ -107,12 +107,13 @@ TEST(RunIntervals, TellsOfEveryFrameInOrder) {
   const auto upsampler = MakeUpsampler({.method = "linear"});
   ASSERT_TRUE(plan.ok() && writer.ok() && upsampler.ok());
   Recorder recorder;
-  const auto reports = RunIntervals(**upsampler, *source, *plan, 0, 3, /*threads=*/3, {}, *writer, recorder);
+  const auto reports = RunIntervals(**upsampler, *source, *plan, 0, 3, {.threads = 3}, {}, *writer, recorder);
   ASSERT_TRUE(reports.ok()) << reports.status();
   EXPECT_THAT(recorder.frames, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10));
   EXPECT_THAT(recorder.intervals, ElementsAre(0, 1, 2));
 
-  ASSERT_EQ(AssembleResult({.method = "linear"}, "/recording", source->sequence(), *plan, *reports, *writer),
+  ASSERT_EQ(AssembleResult({.method = "linear"}, "/recording", source->sequence(), *plan, *reports,
+                           nlohmann::json::array(), *writer),
             absl::OkStatus());
   const auto result = ResultFolder::Open(out.path());
   ASSERT_TRUE(result.ok()) << result.status();
@@ -131,11 +132,11 @@ TEST(RunIntervals, NamesIntervalsThatAreNotThere) {
   const auto upsampler = MakeUpsampler({.method = "hold"});
   ASSERT_TRUE(plan.ok() && writer.ok() && upsampler.ok());
   Recorder recorder;
-  EXPECT_THAT(RunIntervals(**upsampler, *source, *plan, 2, 2, 1, {}, *writer, recorder).status().message(),
+  EXPECT_THAT(RunIntervals(**upsampler, *source, *plan, 2, 2, {}, {}, *writer, recorder).status().message(),
               HasSubstr("this clip has intervals 0 to 2"));
-  const auto first = RunIntervals(**upsampler, *source, *plan, 0, 1, 1, {}, *writer, recorder);
+  const auto first = RunIntervals(**upsampler, *source, *plan, 0, 1, {}, {}, *writer, recorder);
   ASSERT_TRUE(first.ok()) << first.status();
-  EXPECT_THAT(AssembleResult({}, "", source->sequence(), *plan, *first, *writer).message(),
+  EXPECT_THAT(AssembleResult({}, "", source->sequence(), *plan, *first, nlohmann::json::array(), *writer).message(),
               HasSubstr("interval 1 has not been computed"));
 }
 
@@ -150,7 +151,7 @@ TEST(RunIntervals, StopsWhenAsked) {
   stop.request_stop();
   Recorder recorder;
   EXPECT_TRUE(absl::IsCancelled(
-      RunIntervals(**upsampler, *source, *plan, 0, 3, 1, stop.get_token(), *writer, recorder).status()));
+      RunIntervals(**upsampler, *source, *plan, 0, 3, {}, stop.get_token(), *writer, recorder).status()));
   EXPECT_TRUE(recorder.intervals.empty());
 }
 
