@@ -85,6 +85,47 @@ TEST(HiddenBackground, KeepsLayersApart) {
   EXPECT_EQ(hidden.color(10, 33), (Rgb8{0, 0, 255})) << "behind the middle layer's upper edge";
 }
 
+// In the other frame the square has moved away by (-24, 0) and the whole wall by (2, 1): what is hidden is found there,
+// bit for bit, where that frame's image holds it. Motion near the square is dragged along with it, as measured motion
+// is.
+TEST(HiddenBackground, TakesFromAnotherFrameWhatIsSeenThere) {
+  const Stage stage = MakeStage();
+  Image<Rgb8> other_color(kWidth, kHeight);
+  Image<float> other_depth_m(kWidth, kHeight, 2.0F);
+  Image<Flow2> motion(kWidth, kHeight, Flow2{2, 1});
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      other_color(x, y) = stage.wall.view().Clamped(x - 2, y - 1);
+      if (OnSquare(x + 24, y)) other_color(x, y) = kRed, other_depth_m(x, y) = 1.0F;
+      if (OnSquare(x - 5, y) || OnSquare(x + 5, y)) motion(x, y) = {-24, 0};
+    }
+  const NeighborFrame other{{other_color, other_depth_m}, motion};
+  const HiddenBackground hidden = FindHiddenBackground(stage.View(), {other}, {.reach_px = 15}, 2);
+  int seen = 0;
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      EXPECT_NE(hidden.color(x, y), kRed);
+      if (!OnSquare(x, y) || hidden.source(x, y) == 0) continue;
+      // There the wall must lie a pixel clear of the square: its right edge is at 36.
+      const bool clear = x + 2 - 1 >= 36 || y + 1 - 1 >= 50;
+      EXPECT_EQ(hidden.source(x, y), clear ? kHiddenSeen : kHiddenInferred) << x << " " << y;
+      if (!clear) continue;
+      EXPECT_EQ(hidden.color(x, y), stage.wall(x, y)) << x << " " << y;
+      EXPECT_EQ(hidden.depth_m(x, y), 2.0F);
+      ++seen;
+    }
+  EXPECT_GT(seen, 500);
+}
+
+// A frame that shows another layer where the background should be shows nothing of it.
+TEST(HiddenBackground, DoesNotTakeAnotherLayer) {
+  const Stage stage = MakeStage();
+  const Image<Flow2> still(kWidth, kHeight);
+  const HiddenBackground hidden = FindHiddenBackground(stage.View(), {{stage.View(), still}}, {}, 1);
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) EXPECT_NE(hidden.source(x, y), kHiddenSeen);
+}
+
 TEST(HiddenBackground, DoesNotDependOnThreads) {
   const Stage stage = MakeStage();
   const HiddenBackground one = FindHiddenBackground(stage.View(), {}, {}, 1);
