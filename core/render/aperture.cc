@@ -8,7 +8,9 @@ namespace depthtween {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr int kLinesPerRow = 16;  // a row is the mean of so many lines
+
+// A row is the mean of so many lines. Of a large shape's area, little lies in rows that change within a pixel.
+int LinesPerRow(double radius) { return std::clamp(static_cast<int>(64 / radius), 4, 16); }
 
 // Where the shape of area pi begins and ends on the line at `y` (down); begin > end where the line misses it.
 std::pair<double, double> Chord(int blades, double y) {
@@ -54,16 +56,17 @@ Aperture::Aperture(int blades, float max_radius_px) {
     // Below a pixel's size the shape does not matter, only that it has an area.
     const double radius = std::max(1, std::abs(i)) * static_cast<double>(kStep);
     const int reach = static_cast<int>(std::ceil(radius * tip - 0.5));
+    const int lines = LinesPerRow(radius);
     Shape shape{.first_row = static_cast<int>(row_begins_.size()) + reach, .reach = reach, .area = 0.0F};
     for (int y = -reach; y <= reach; ++y) {
       row.assign(2 * reach + 3, 0.0F);  // one more than needed, for lines that end on a border
-      for (int line = 0; line < kLinesPerRow; ++line) {
-        const double at = (y + (line + 0.5) / kLinesPerRow - 0.5) / radius;
+      for (int line = 0; line < lines; ++line) {
+        const double at = (y + (line + 0.5) / lines - 0.5) / radius;
         const auto [begin, end] = Chord(blades, i < 0 ? -at : at);
         if (begin >= end) continue;
         const double left = radius * (i < 0 ? -end : begin), right = radius * (i < 0 ? -begin : end);
-        AddLine(left, right, 1.0F / kLinesPerRow, row.data() + reach);
-        shape.area += static_cast<float>(right - left) / kLinesPerRow;
+        AddLine(left, right, 1.0F / static_cast<float>(lines), row.data() + reach);
+        shape.area += static_cast<float>((right - left) / lines);
       }
       row_begins_.push_back(static_cast<int32_t>(changes_.size()));
       for (int x = -reach; x <= reach + 2; ++x)

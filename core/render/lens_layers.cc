@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <utility>
 #include <vector>
 
 #include "core/base/parallel.h"
@@ -14,6 +15,7 @@ namespace {
 
 constexpr float kSharpPx = 0.5F;   // up to this radius all light stays in its pixel
 constexpr float kApartPx = 1.0F;   // what differs by more in blur is told apart by eye
+constexpr float kAlike = 0.02F;    // colours nearer to each other than this cannot be taken apart
 constexpr float kNothing = 1e-5F;  // below it a weight is rounding
 
 // What was inferred counts less than what is seen of the same layer around it, and the less the farther that spreads:
@@ -55,6 +57,26 @@ struct Source {
   int32_t x, row;  // row of the aperture
   int16_t reach, layer;
 };
+
+// A pixel at a silhouette, of which the nearer surface covers a part. Left whole, it would stay behind as a sharp line
+// when the foreground is spread, or carry foreground into the background when that is.
+struct Mixture {
+  Light foreground;  // weight 0..1: its share
+  Light background;  // weight 1
+};
+
+// The foreground's share is where `mixed` lies on the way from `background` to `foreground`, if it can be told. As long
+// as background is the larger part, what is left of it keeps its own texture.
+Mixture TakeApart(Light mixed, Light foreground, Light background) {
+  const auto dot = [](Light a, Light b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
+  const Light way = foreground - background;
+  if (dot(way, way) < kAlike * kAlike) return {Light{}, mixed};
+  const float share = std::clamp(dot(way, mixed - background) / dot(way, way), 0.0F, 1.0F);
+  if (share > 0.5F) return {share * foreground, background};
+  const Light left = (mixed - share * foreground) / (1 - share);
+  return {share * foreground, left > 0 ? left : Light{}};
+}
+
 struct SourceRow {
   std::vector<Source> sources;
   int reach = 0;  // the largest of them
@@ -109,39 +131,47 @@ class LayeredBlur {
   SourceRow Collect(int y) const {
     SourceRow row;
     row.sources.reserve(width_);
-    const auto add = [&](int x, Rgb8 color, float radius_px, bool hidden, float trust) {
+    const auto add = [&](int x, Light light, float radius_px, bool hidden) {
       const Aperture::Shape& shape = aperture_.Scaled(radius_px);
       if (x < -shape.reach || x >= width_ + shape.reach) return;
-      row.sources.push_back({.light = LinearLight::Tables().Decode(color) * (trust / shape.area),
+      row.sources.push_back({.light = light / shape.area,
                              .x = x,
                              .row = shape.first_row,
                              .reach = static_cast<int16_t>(shape.reach),
                              .layer = static_cast<int16_t>(layers_.Of(radius_px, hidden))});
       row.reach = std::max(row.reach, shape.reach);
     };
+    const LinearLight& tables = LinearLight::Tables();
     const int outside = static_cast<int>(circle_.limit_px) + 1;
     for (int x = -outside; x < width_ + outside; ++x) {
       const int from = Mirrored(x, width_);
       const float radius_px = radius_px_(from, y);
-      const float hidden_m = hidden_.depth_m.empty() ? 0.0F : hidden_.depth_m(from, y);
-      const float hidden_px = circle_.RadiusPx(hidden_m);
-      if (hidden_m > 0 && hidden_px - radius_px > kApartPx) {
-        const float trust = hidden_.source(from, y) == kHiddenSeen ? 1.0F : TrustInInferred(hidden_px);
-        add(x, hidden_.color(from, y), hidden_px, true, trust);
+      Light seen = tables.Decode(view_.color(from, y));
+      if (!hidden_.depth_m.empty() && hidden_.depth_m(from, y) > 0) {
+        const float hidden_px = circle_.RadiusPx(hidden_.depth_m(from, y));
+        const Light hidden = tables.Decode(hidden_.color(from, y));
+        const auto [nearer, nearer_px] = NearestBeside(from, y);
+        if (hidden_px - radius_px > kApartPx) {
+          const bool known = hidden_.source(from, y) == kHiddenSeen;
+          add(x, hidden * (known ? 1.0F : TrustInInferred(hidden_px)), hidden_px, true);
+        } else if (radius_px - nearer_px > kApartPx) {
+          const Mixture mixture = TakeApart(seen, tables.Decode(nearer), hidden);
+          if (mixture.foreground[3] > 0) add(x, mixture.foreground, nearer_px, false);
+          seen = mixture.background;
+        }
       }
-      // Beside a nearer surface, hidden background is the pixel itself without the foreground that is mixed into it.
-      // That must not stay behind as a sharp line when the foreground is spread, nor be spread with the background.
-      const bool mixed = hidden_m > 0 && hidden_px - radius_px <= kApartPx && BesideNearer(from, y);
-      add(x, mixed ? hidden_.color(from, y) : view_.color(from, y), radius_px, false, 1.0F);
+      add(x, seen, radius_px, false);
     }
     return row;
   }
 
-  bool BesideNearer(int x, int y) const {
-    for (int j = -1; j <= 1; ++j)
-      for (int i = -1; i <= 1; ++i)
-        if (radius_px_(x, y) - radius_px_.view().Clamped(x + i, y + j) > kApartPx) return true;
-    return false;
+  // The colour and the radius of the nearest surface at or beside a pixel.
+  std::pair<Rgb8, float> NearestBeside(int x, int y) const {
+    std::pair nearest{view_.color(x, y), radius_px_(x, y)};
+    for (int v = std::max(0, y - 1); v <= std::min(height_ - 1, y + 1); ++v)
+      for (int u = std::max(0, x - 1); u <= std::min(width_ - 1, x + 1); ++u)
+        if (radius_px_(u, v) < nearest.second) nearest = {view_.color(u, v), radius_px_(u, v)};
+    return nearest;
   }
 
   // What the sources of a row give to the row `down` rows below.

@@ -1,7 +1,7 @@
 // Depth of field against a lens of 512 samples, and its time beside OpenCV's.
 //
 //   depth_of_field_bench quality [REFERENCES]    PSNR and SSIM of all methods from true colour and depth
-//   depth_of_field_bench upsampled               the gain of upsampled depth over held depth, both 240 fps, same lens
+//   depth_of_field_bench upsampled [REFERENCES]  the gain of depth upsampled to 240 fps over 30 fps, held
 //   depth_of_field_bench speed [ROUNDS]          one frame of 848 x 480 beside a stack of filter2D
 //
 // REFERENCES is a folder: renders through the lens are kept there and read back by the next run. Prints Markdown.
@@ -16,6 +16,7 @@
 #include <string_view>
 #include <vector>
 
+#include "absl/strings/str_format.h"
 #include "core/base/parallel.h"
 #include "core/io/color.h"
 #include "core/io/png.h"
@@ -51,11 +52,6 @@ CircleOfConfusion FocusOn(const Image<float>& depth_m, double share) {
   return circle;
 }
 
-// The same lens for the scene renderer: R = f_px A / (2 z_f) there, where the picture's scale is that of the pinhole.
-ThinLens LensOf(const CircleOfConfusion& circle) {
-  return {.aperture_m = 2 * circle.scale_px * circle.focus_m / kCamera.fx, .focus_m = circle.focus_m};
-}
-
 // Pixels within two radii of a depth edge, the larger of both sides' radii.
 Image<uint8_t> EdgeBandOf(const Image<float>& depth_m, const CircleOfConfusion& circle) {
   const Image<uint8_t> jumps = DepthJumps(depth_m);
@@ -81,25 +77,34 @@ Image<Rgb8> Render(const RenderView& view, const CircleOfConfusion& circle, Dept
   return RenderDepthOfField(view, behind, circle, {.method = method}, AvailableThreads());
 }
 
-absl::StatusOr<Image<Rgb8>> Reference(const Scene& scene, double time_s, const CircleOfConfusion& circle,
-                                      const std::string& path) {
-  if (!path.empty() && std::filesystem::exists(path)) return ReadColor(path);
-  Image<Rgb8> image = RenderThroughLens(scene, kCamera, scene.WorldFromCamera(time_s), time_s, LensOf(circle),
-                                        kLensSamples, AvailableThreads());
-  if (!path.empty()) RETURN_IF_ERROR(WritePngRgb8(path, image));
+// Keeps a picture for the eye, where there is a folder for it.
+absl::Status Keep(const Image<Rgb8>& image, const std::string& folder, const std::string& name) {
+  return folder.empty() ? absl::OkStatus() : WritePngRgb8(absl::StrCat(folder, "/", name, ".png"), image);
+}
+
+absl::StatusOr<Image<Rgb8>> Reference(const Scene& scene, const Camera& camera, double time_s,
+                                      const CircleOfConfusion& circle, const std::string& folder,
+                                      const std::string& name) {
+  const std::string path = absl::StrCat(folder, "/", name, ".png");
+  if (!folder.empty() && std::filesystem::exists(path)) return ReadColor(path);
+  // For the scene renderer R = f_px A / (2 z_f): its picture is that of a pinhole.
+  const ThinLens lens{.aperture_m = 2 * circle.scale_px * circle.focus_m / camera.fx, .focus_m = circle.focus_m};
+  Image<Rgb8> image =
+      RenderThroughLens(scene, camera, scene.WorldFromCamera(time_s), time_s, lens, kLensSamples, AvailableThreads());
+  RETURN_IF_ERROR(Keep(image, folder, name));
   return image;
 }
 
 absl::Status Quality(const std::string& references) {
   constexpr double kTime = 0.1;
   const struct {
-    const char* name;
+    const char *name, *file;
     DepthOfFieldMethod method;
     bool hidden;
-  } methods[] = {{"ours", DepthOfFieldMethod::kLayers, true},
-                 {"ours, nothing hidden known", DepthOfFieldMethod::kLayers, false},
-                 {"kraus", DepthOfFieldMethod::kKraus, false},
-                 {"gather", DepthOfFieldMethod::kGather, false}};
+  } methods[] = {{"ours", "ours", DepthOfFieldMethod::kLayers, true},
+                 {"ours, nothing hidden known", "alone", DepthOfFieldMethod::kLayers, false},
+                 {"kraus", "kraus", DepthOfFieldMethod::kKraus, false},
+                 {"gather", "gather", DepthOfFieldMethod::kGather, false}};
   std::printf("| scene | focus | m |");
   for (const auto& method : methods) std::printf(" %s |", method.name);
   std::printf("\n|---|---|---:|---:|---:|---:|---:|\n");
@@ -110,9 +115,8 @@ absl::Status Quality(const std::string& references) {
     const Image<float> depth = std::move(renderer.Surface(AvailableThreads()).depth_m);
     for (const auto& [focus, share] : {std::pair{"near", 0.05}, std::pair{"mid", 0.5}, std::pair{"far", 0.95}}) {
       const CircleOfConfusion circle = FocusOn(depth, share);
-      const std::string stem = absl::StrCat(references, "/", name, "_", focus);
-      ASSIGN_OR_RETURN(const Image<Rgb8> truth,
-                       Reference(*scene, kTime, circle, references.empty() ? "" : stem + ".png"));
+      const std::string stem = absl::StrCat(name, "_", focus);
+      ASSIGN_OR_RETURN(const Image<Rgb8> truth, Reference(*scene, kCamera, kTime, circle, references, stem));
       const Image<uint8_t> band = EdgeBandOf(depth, circle);
       std::printf("| %s | %s | %.2f |", name, focus, circle.focus_m);
       for (const auto& method : methods) {
@@ -121,13 +125,57 @@ absl::Status Quality(const std::string& references) {
         all.Add(image, truth, {});
         near_edges.Add(image, truth, band);
         std::printf(" %.2f %.4f / %.2f %.4f |", all.PsnrDb(), all.Ssim(), near_edges.PsnrDb(), near_edges.Ssim());
-        if (!references.empty())
-          RETURN_IF_ERROR(WritePngRgb8(
-              absl::StrCat(stem, ".", std::string(method.name).substr(0, 6), method.hidden, ".png"), image));
+        RETURN_IF_ERROR(Keep(image, references, absl::StrCat(stem, ".", method.file)));
       }
       std::printf("\n");
       std::fflush(stdout);
     }
+  }
+  return absl::OkStatus();
+}
+
+// What the pipeline makes of a recording's second interval, and what there is without it: the last depth frame, as well
+// cleaned and filled, and held.
+absl::Status Upsampled(const std::string& references) {
+  constexpr int kFrames[] = {10, 12, 14};  // of the second interval, which begins at 8: early, half way, late
+  std::printf("| scene | depth | all | in the band |\n|---|---|---:|---:|\n");
+  for (const char* name : {"kick", "bounce"}) {
+    SyntheticOptions options{.scene = name, .frames = 25, .width = kCamera.width, .height = kCamera.height};
+    ASSIGN_OR_RETURN(const auto clip, SyntheticSequence::Create(options, AvailableThreads()));
+    const Camera& camera = clip->sequence().camera;
+    ASSIGN_OR_RETURN(const ClipConstants constants, EstimateClipConstants(*clip));
+    std::vector<Image<float>> ours(options.frames);
+    const auto keep = [&](DepthResult result) {
+      ours[result.color_index] = std::move(result.depth_m);
+      return absl::OkStatus();
+    };
+    const Interval interval = PlanIntervals(clip->sequence()).at(1);
+    RETURN_IF_ERROR(MakePipeline()->Run(*clip, constants, interval, {.threads = AvailableThreads()}, keep).status());
+    const Image<float>& held = ours[interval.first_frame];
+    ColorErrors all[3], near_edges[3];
+    for (const int frame : kFrames) {
+      ASSIGN_OR_RETURN(const Image<Rgb8> color, clip->Color(frame));
+      const double time_s = frame / options.color_fps;
+      const Image<float> truth = std::move(clip->ColorView(frame).Surface(AvailableThreads()).depth_m);
+      const CircleOfConfusion circle = FocusOn(truth, 0.05);
+      ASSIGN_OR_RETURN(const Image<Rgb8> lens, Reference(clip->scene(), camera, time_s, circle, references,
+                                                         absl::StrFormat("%s_frame%d", name, frame)));
+      const Image<uint8_t> band = EdgeBandOf(truth, circle);
+      const Image<float>* const depths[] = {&ours[frame], &held, &truth};
+      for (int i = 0; i < 3; ++i) {
+        const Image<Rgb8> image = Render({color, *depths[i]}, circle, DepthOfFieldMethod::kLayers, true);
+        RETURN_IF_ERROR(Keep(image, references, absl::StrFormat("%s_frame%d.depth%d", name, frame, i)));
+        all[i].Add(image, lens, {});
+        near_edges[i].Add(image, lens, band);
+      }
+    }
+    const char* const names[] = {"ours, 240 fps", "held, 30 fps", "true"};
+    for (int i = 0; i < 3; ++i)
+      std::printf("| %s | %s | %.2f %.4f | %.2f %.4f |\n", name, names[i], all[i].PsnrDb(), all[i].Ssim(),
+                  near_edges[i].PsnrDb(), near_edges[i].Ssim());
+    std::printf("| %s | **gain** | **%+.2f** | **%+.2f** |\n", name, all[0].PsnrDb() - all[1].PsnrDb(),
+                near_edges[0].PsnrDb() - near_edges[1].PsnrDb());
+    std::fflush(stdout);
   }
   return absl::OkStatus();
 }
@@ -207,8 +255,10 @@ absl::Status Speed(int rounds) {
 
 int main(int argc, char** argv) {
   const std::string mode = argc > 1 ? argv[1] : "", argument = argc > 2 ? argv[2] : "";
-  absl::Status status = absl::InvalidArgumentError("usage: depth_of_field_bench quality [DIR] | upsampled | speed [N]");
+  absl::Status status =
+      absl::InvalidArgumentError("usage: depth_of_field_bench quality [DIR] | upsampled [DIR] | speed [N]");
   if (mode == "quality") status = depthtween::Quality(argument);
+  if (mode == "upsampled") status = depthtween::Upsampled(argument);
   if (mode == "speed") status = depthtween::Speed(argument.empty() ? 7 : std::max(1, std::atoi(argument.c_str())));
   if (!status.ok()) std::fprintf(stderr, "%s\n", std::string(status.message()).c_str());
   return status.ok() ? 0 : 1;
