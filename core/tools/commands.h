@@ -22,6 +22,7 @@ void AddSynthCommand(CLI::App& app, int* exit_code);
 void AddUpsampleCommand(CLI::App& app, int* exit_code);
 void AddEvaluateCommand(CLI::App& app, int* exit_code);
 void AddPreviewCommand(CLI::App& app, int* exit_code);
+void AddRenderCommand(CLI::App& app, int* exit_code);
 void AddTaskCommand(CLI::App& app, int* exit_code);
 
 }  // namespace depthtween::tools

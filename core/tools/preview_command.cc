@@ -10,14 +10,12 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_format.h"
 #include "core/io/png.h"
-#include "core/io/result_folder.h"
-#include "core/io/sequence_folder.h"
 #include "core/io/video.h"
 #include "core/sequence/interval.h"
 #include "core/tools/commands.h"
+#include "core/tools/finished_clip.h"
 #include "core/tools/preview.h"
 #include "core/tools/signals.h"
-#include "core/tools/upsample_run.h"
 
 namespace depthtween::tools {
 namespace {
@@ -30,47 +28,12 @@ struct PreviewArguments {
   int frame = -1;
 };
 
-// A result beside the recording it was made from.
-struct Clip {
-  ResultFolder result;
-  std::unique_ptr<SequenceFolder> recording;
-  Sequence input;  // the recording as the upsampling saw it: without the depth frames it left out
-  PreviewRange range;
-
-  int frame_count() const { return static_cast<int>(input.color.size()); }
-  int64_t start_ns() const { return input.color.front().time_ns; }
-};
-
-absl::StatusOr<Clip> OpenClip(const PreviewArguments& arguments) {
-  ASSIGN_OR_RETURN(ResultFolder result, ResultFolder::Open(arguments.result));
-  std::string sequence_dir = arguments.sequence;
-  PreviewRange range;
-  UpsampleOptions options;
-  try {
-    const nlohmann::json& report = result.report();
-    if (sequence_dir.empty()) sequence_dir = report.at("sequence").get<std::string>();
-    range = {.near_m = report.at("constants").at("preview_near_m").get<float>(),
-             .far_m = report.at("constants").at("preview_far_m").get<float>()};
-    ASSIGN_OR_RETURN(options, ParseUpsampleOptions(report.at("options").dump()));
-  } catch (const nlohmann::json::exception& error) {
-    return absl::InvalidArgumentError(absl::StrCat(arguments.result, "/report.json: ", error.what()));
-  }
-  if (!(range.near_m > 0 && range.near_m < range.far_m))
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s/report.json: preview range %g to %g m, must be positive and ascending", arguments.result,
-                        range.near_m, range.far_m));
-  auto recording = SequenceFolder::Open(sequence_dir);
-  if (!recording.ok())
-    return WithContext(recording.status(), "the recording with the colour frames (name it with --sequence)");
-  Sequence input = KeepEveryNthDepth((*recording)->sequence(), options.key_every);
-  const auto same = [](const FrameRef& a, const FrameRef& b) { return a.time_ns == b.time_ns && a.Stem() == b.Stem(); };
-  if (!std::equal(input.color.begin(), input.color.end(), result.frames().begin(), result.frames().end(), same))
-    return absl::InvalidArgumentError(absl::StrFormat("%s was not made from the recording %s: name it with --sequence",
-                                                      arguments.result, sequence_dir));
-  return Clip{std::move(result), *std::move(recording), std::move(input), range};
+PreviewRange RangeOf(const FinishedClip& clip) {
+  return {.near_m = static_cast<float>(clip.constants.preview_near_m),
+          .far_m = static_cast<float>(clip.constants.preview_far_m)};
 }
 
-absl::StatusOr<PreviewFrame> ReadFrame(const Clip& clip, int index) {
+absl::StatusOr<PreviewFrame> ReadFrame(const FinishedClip& clip, int index) {
   PreviewFrame frame{.index = index, .time_ns = clip.input.color[index].time_ns - clip.start_ns()};
   ASSIGN_OR_RETURN(frame.color, clip.recording->Color(index));
   ASSIGN_OR_RETURN(frame.depth_m, clip.result.Depth(index));
@@ -90,7 +53,7 @@ absl::StatusOr<PreviewFrame> ReadFrame(const Clip& clip, int index) {
 
 // Frames evenly spread over one interval, from its key to the next: the interval with frame `wanted` in it, or the one
 // in the middle of the clip.
-std::vector<int> ChooseFrames(const Clip& clip, int wanted) {
+std::vector<int> ChooseFrames(const FinishedClip& clip, int wanted) {
   const std::vector<Interval> intervals = PlanIntervals(clip.input);
   if (wanted < 0) {
     std::vector<Interval> between;
@@ -115,26 +78,26 @@ std::vector<int> ChooseFrames(const Clip& clip, int wanted) {
   return frames;
 }
 
-absl::Status WriteSheet(const Clip& clip, const PreviewArguments& arguments) {
+absl::Status WriteSheet(const FinishedClip& clip, const PreviewArguments& arguments) {
   std::vector<PreviewFrame> frames;
   for (const int index : ChooseFrames(clip, arguments.frame)) {
     ASSIGN_OR_RETURN(frames.emplace_back(), ReadFrame(clip, index));
   }
-  const Image<Rgb8> sheet = DrawContactSheet(frames, clip.range);
+  const Image<Rgb8> sheet = DrawContactSheet(frames, RangeOf(clip));
   RETURN_IF_ERROR(WritePngRgb8(arguments.file, sheet));
   std::cout << absl::StrFormat("%s: frames %d to %d, %d x %d\n", arguments.file, frames.front().index,
                                frames.back().index, sheet.width(), sheet.height());
   return absl::OkStatus();
 }
 
-absl::Status WriteVideo(const Clip& clip, const PreviewArguments& arguments, std::stop_token stop) {
+absl::Status WriteVideo(const FinishedClip& clip, const PreviewArguments& arguments, std::stop_token stop) {
   PreviewTimeline timeline{.duration_ns = std::max<int64_t>(1, clip.input.color.back().time_ns - clip.start_ns())};
   for (const FrameRef& key : clip.input.depth) timeline.key_times_ns.push_back(key.time_ns - clip.start_ns());
   std::optional<VideoWriter> video;
   for (int i = 0; i < clip.frame_count(); ++i) {
     if (stop.stop_requested()) return absl::CancelledError("stopped; no video was written");
     ASSIGN_OR_RETURN(const PreviewFrame frame, ReadFrame(clip, i));
-    const Image<Rgb8> picture = DrawVideoFrame(frame, timeline, clip.range);
+    const Image<Rgb8> picture = DrawVideoFrame(frame, timeline, RangeOf(clip));
     if (!video) {
       ASSIGN_OR_RETURN(video,
                        VideoWriter::Create(arguments.file, {.width = picture.width(),
@@ -158,7 +121,7 @@ absl::Status Preview(const PreviewArguments& arguments) {
     return absl::InvalidArgumentError(absl::StrFormat("-o %s: must end in .png or .mp4", arguments.file));
   if (is_video && arguments.frame >= 0)
     return absl::InvalidArgumentError("--frame chooses what a .png shows; a .mp4 shows every frame");
-  ASSIGN_OR_RETURN(const Clip clip, OpenClip(arguments));
+  ASSIGN_OR_RETURN(const FinishedClip clip, OpenFinishedClip(arguments.result, arguments.sequence));
   if (arguments.frame >= clip.frame_count())
     return absl::InvalidArgumentError(
         absl::StrFormat("--frame %d: the clip has frames 0 to %d", arguments.frame, clip.frame_count() - 1));

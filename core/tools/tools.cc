@@ -72,6 +72,7 @@ int Main(int argc, const char* const* argv) {
   AddUpsampleCommand(app, &exit_code);
   AddEvaluateCommand(app, &exit_code);
   AddPreviewCommand(app, &exit_code);
+  AddRenderCommand(app, &exit_code);
   AddTaskCommand(app, &exit_code);
   try {
     app.parse(argc, argv);

@@ -130,6 +130,15 @@ json ToJson(const ClipConstants& constants) {
           {"median_depth_m", constants.median_depth_m}, {"warnings", constants.warnings}};
 }
 
+ClipConstants ConstantsFromJson(const json& constants) {
+  return {.noise_a_m = constants.at("noise_a_m").get<double>(),
+          .noise_b_per_m = constants.at("noise_b_per_m").get<double>(),
+          .preview_near_m = constants.at("preview_near_m").get<double>(),
+          .preview_far_m = constants.at("preview_far_m").get<double>(),
+          .median_depth_m = constants.at("median_depth_m").get<double>(),
+          .warnings = constants.at("warnings").get<std::vector<std::string>>()};
+}
+
 json ToJson(const ClipPlan& plan, const Sequence& sequence) {
   json intervals = json::array();
   for (const Interval& interval : plan.intervals) intervals.push_back(IntervalToJson(interval));
@@ -141,14 +150,8 @@ json ToJson(const ClipPlan& plan, const Sequence& sequence) {
 
 absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& sequence) {
   return ParseJson(text, "constants", [&](const json& value) -> absl::StatusOr<ClipPlan> {
-    const json& constants = value.at("constants");
     ClipPlan plan;
-    plan.constants = {.noise_a_m = constants.at("noise_a_m").get<double>(),
-                      .noise_b_per_m = constants.at("noise_b_per_m").get<double>(),
-                      .preview_near_m = constants.at("preview_near_m").get<double>(),
-                      .preview_far_m = constants.at("preview_far_m").get<double>(),
-                      .median_depth_m = constants.at("median_depth_m").get<double>(),
-                      .warnings = constants.at("warnings").get<std::vector<std::string>>()};
+    plan.constants = ConstantsFromJson(value.at("constants"));
     // Intervals follow from the sequence; those in the file tell whether it belongs to this one.
     plan.intervals = PlanIntervals(sequence);
     json expected = json::array();

@@ -56,6 +56,8 @@ nlohmann::json ToJson(const ClipPlan& plan, const Sequence& sequence);
 absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view json, const Sequence& sequence);
 
 nlohmann::json ToJson(const ClipConstants& constants);
+// Throws nlohmann::json::exception for JSON that ToJson did not make.
+ClipConstants ConstantsFromJson(const nlohmann::json& constants);
 
 // InvalidArgument unless the clip has intervals [first, first + count), at least one.
 absl::Status CheckIntervals(const ClipPlan& plan, int first, int count);

@@ -1,0 +1,346 @@
+#include <unistd.h>
+
+#include <filesystem>
+#include <functional>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "core/base/parallel.h"
+#include "core/io/file.h"
+#include "core/io/result_folder.h"
+#include "core/io/sequence_folder.h"
+#include "core/tools/commands.h"
+#include "core/tools/finished_clip.h"
+#include "core/tools/progress_bar.h"
+#include "core/tools/render_run.h"
+#include "core/tools/signals.h"
+#include "core/tools/upsample_run.h"
+#include "core/tools/write_queue.h"
+
+namespace depthtween::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr char kFooter[] =
+    "SEQ is a recording, which is upsampled first, or a folder that `upsample --keep-motion` wrote.\n"
+    "OUT decides what is written: .mp4 (H.264, plays everywhere), .mkv (FFV1, loses nothing), or else a folder of\n"
+    "images named as the colour frames. Videos of two eyes get the ending that players know them by, such as\n"
+    "_LRF_Full_SBS.\n"
+    "\n"
+    "The lens is a virtual one in front of the colour camera. Its aperture is focal length / f-stop wide, and that\n"
+    "alone is what it decides: the field of view stays the colour camera's. Without --focal-mm it is the focal length\n"
+    "that has that field of view on the sensor named by --sensor. A smaller f-stop, a longer focal length, a larger\n"
+    "sensor or a nearer focus give more blur.\n"
+    "\n"
+    "Example:  depthtween-core render recording --dof --fstop 1.4 --focus-depth 2.5 -o blurred.mp4\n"
+    "Example:  depthtween-core render result --dof --focus-track 0,320,240 -o followed.mp4\n"
+    "Example:  depthtween-core render result --dof --focus-keys 0:1.2,60:4 -o rack.mkv\n"
+    "Example:  depthtween-core render result --stereo --format full-sbs -o pair.mp4\n"
+    "Example:  depthtween-core render result --stereo --format anaglyph-dubois -o glasses\n";
+
+struct RenderArguments {
+  std::string input, out, sequence;
+  bool dof = false, stereo = false, force = false;
+  json dof_options = json::object(), stereo_options = json::object();
+  std::string frame_format;
+  int threads = 1;
+};
+
+// Puts the value of an option where the JSON form of the options has it.
+template <typename T>
+CLI::Option* Bind(CLI::App* command, json& object, const char* flag, const char* name, const char* help) {
+  return command->add_option_function<T>(
+      flag, [&object, name](const T& value) { object[name] = value; }, help);
+}
+
+absl::StatusOr<json> ParsePixel(const std::string& text) {
+  const std::vector<std::string> parts = absl::StrSplit(text, ',');
+  int frame = 0;
+  double x = 0, y = 0;
+  if (parts.size() != 3 || !absl::SimpleAtoi(parts[0], &frame) || !absl::SimpleAtod(parts[1], &x) ||
+      !absl::SimpleAtod(parts[2], &y))
+    return absl::InvalidArgumentError(absl::StrFormat("'%s' must be FRAME,X,Y such as 0,320,240", text));
+  return json{{"frame", frame}, {"x", x}, {"y", y}};
+}
+
+absl::StatusOr<json> ParseKeys(const std::string& text) {
+  json keys = json::array();
+  for (const absl::string_view part : absl::StrSplit(text, ',')) {
+    const std::vector<std::string> sides = absl::StrSplit(part, ':');
+    int frame = 0;
+    double depth_m = 0;
+    if (sides.size() != 2 || !absl::SimpleAtoi(sides[0], &frame) || !absl::SimpleAtod(sides[1], &depth_m))
+      return absl::InvalidArgumentError(
+          absl::StrFormat("'%s' must be FRAME:METRES,FRAME:METRES... such as 0:1.2,60:4", text));
+    keys.push_back({{"frame", frame}, {"depth_m", depth_m}});
+  }
+  return json{{"keys", std::move(keys)}};
+}
+
+absl::StatusOr<RenderOptions> OptionsOf(const RenderArguments& arguments) {
+  json options = json::object();
+  if (arguments.dof) options["depth_of_field"] = arguments.dof_options;
+  if (arguments.stereo) options["stereo"] = arguments.stereo_options;
+  if (!arguments.frame_format.empty()) options["frame_format"] = arguments.frame_format;
+  if (absl::EndsWithIgnoreCase(arguments.out, ".mp4")) options["container"] = "mp4";
+  if (absl::EndsWithIgnoreCase(arguments.out, ".mkv")) options["container"] = "mkv";
+  return ParseRender(options, "options");
+}
+
+// A result made for one render, gone with it.
+class TemporaryResult {
+ public:
+  TemporaryResult() = default;
+  TemporaryResult(const TemporaryResult&) = delete;
+  TemporaryResult& operator=(const TemporaryResult&) = delete;
+  ~TemporaryResult() {
+    std::error_code error;
+    if (!dir_.empty()) fs::remove_all(dir_, error);
+  }
+
+  // Upsamples the recording into a folder beside `out`.
+  absl::Status Make(const std::string& recording, const std::string& out, int threads, const std::stop_token& stop) {
+    dir_ = absl::StrCat(fs::path(out).lexically_normal().string(), ".", getpid(), ".depth");
+    UpsampleOptions options = {.threads = threads, .keep_motion = true};
+    ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
+    ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> source, SequenceFolder::Open(recording));
+    ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(dir_, source->sequence(), true));
+    ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*source));
+    ProgressBar progress(plan);
+    ASSIGN_OR_RETURN(const std::vector<IntervalReport> reports,
+                     RunIntervals(*upsampler, *source, plan, 0, static_cast<int>(plan.intervals.size()), options, stop,
+                                  writer, progress));
+    return AssembleResult(options, recording, source->sequence(), plan, reports, json::array(), writer);
+  }
+  const std::string& dir() const { return dir_; }
+
+ private:
+  std::string dir_;
+};
+
+// "out" of "out.mp4", and of "out_LRF_Full_SBS.mp4" where that ending comes anyway.
+std::string VideoStem(const RenderOptions& options, const std::string& out, size_t stream) {
+  const std::string ending = VideoFileName(options, "", stream, *options.container);
+  if (absl::EndsWith(out, ending)) return out.substr(0, out.size() - ending.size());
+  return out.substr(0, out.size() - std::string(".mp4").size());
+}
+
+absl::Status CheckOutput(const std::vector<std::string>& files, bool force) {
+  for (const std::string& file : files) {
+    std::error_code error;
+    const bool folder = fs::is_directory(file, error);
+    if (!force && fs::exists(file, error) && !(folder && fs::is_empty(file, error)))
+      return absl::AlreadyExistsError(
+          absl::StrCat(file, " is there already: name another, or use --force to replace it"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Render(const RenderArguments& arguments) {
+  StopOnSignals signals;
+  if (arguments.dof == arguments.stereo) return absl::InvalidArgumentError("say what to render: --dof or --stereo");
+  if (!arguments.dof && !arguments.dof_options.empty())
+    return absl::InvalidArgumentError("lens and focus are for --dof");
+  if (!arguments.stereo && !arguments.stereo_options.empty())
+    return absl::InvalidArgumentError("baseline, format and the like are for --stereo");
+  ASSIGN_OR_RETURN(const RenderOptions options, OptionsOf(arguments));
+
+  // Everything that can be wrong is found before anything is computed.
+  TemporaryResult temporary;
+  std::string result = arguments.input, sequence = arguments.sequence;
+  if (FileExists(JoinPath(arguments.input, "rgb.txt")) && !FileExists(JoinPath(arguments.input, "report.json"))) {
+    sequence = arguments.input;
+    ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(sequence));
+    RETURN_IF_ERROR(PlanRender(options, folder->sequence(), "options").status());
+    RETURN_IF_ERROR(temporary.Make(sequence, arguments.out, arguments.threads, signals.token()));
+    result = temporary.dir();
+  }
+  ASSIGN_OR_RETURN(const FinishedClip clip, OpenFinishedClip(result, sequence));
+  ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, clip.input, "options"));
+  ASSIGN_OR_RETURN(const auto renderer,
+                   Renderer::Create(options, {clip.recording.get(), result, clip.constants}, "options"));
+
+  const int frame_count = clip.frame_count();
+  std::vector<std::string> files;
+  std::optional<PictureVideos> videos;
+  std::optional<PictureFolders> folders;
+  if (options.container) {
+    for (size_t i = 0; i < plan.streams.size(); ++i)
+      files.push_back(VideoFileName(options, VideoStem(options, arguments.out, i), i, *options.container));
+    RETURN_IF_ERROR(CheckOutput(files, arguments.force));
+    ASSIGN_OR_RETURN(videos, PictureVideos::Create(files, options, clip.input));
+  } else {
+    // One stream lies in OUT itself, those of two eyes in OUT/left and OUT/right.
+    RenderPlan local = plan;
+    local.streams =
+        plan.streams.size() == 1 ? std::vector<std::string>{"."} : std::vector<std::string>{"left", "right"};
+    files = {arguments.out};
+    RETURN_IF_ERROR(CheckOutput(files, arguments.force));
+    ASSIGN_OR_RETURN(folders, PictureFolders::Create(arguments.out, options, local));
+  }
+
+  RenderPart part;
+  {
+    ClipPlan progress_plan;
+    progress_plan.intervals = {{.index = 0, .frame_count = frame_count}};
+    ProgressBar progress(progress_plan);
+    progress.OnStage(0, arguments.dof ? "depth of field" : "stereo");
+    // Videos take their frames one after the other.
+    WriteQueue queue(videos ? 1 : arguments.threads, [&](int frame) { progress.OnFrame(0, frame); });
+    const auto sink = [&](int frame, std::vector<Image<Rgb8>> pictures) {
+      return queue.Add(frame, [&, frame, pictures = std::move(pictures)] {
+        return videos ? videos->Write(frame, pictures) : folders->Write(clip.input.color[frame].Stem(), pictures);
+      });
+    };
+    ASSIGN_OR_RETURN(part, renderer->Run(0, frame_count, nullptr, arguments.threads, signals.token(), sink));
+    RETURN_IF_ERROR(queue.Finish());
+  }
+  if (videos) RETURN_IF_ERROR(videos->Finish());
+
+  std::cout << absl::StrFormat("%d frames in %.1f s (%.1f frames per second)", frame_count, part.seconds,
+                               frame_count / part.seconds);
+  if (videos)
+    std::cout << absl::StrFormat(", shown at %.6g per second, %s", videos->clock().rate.PerSecond(), videos->encoder());
+  for (const std::string& file : files) std::cout << "\n" << file;
+  std::cout << "\n" << renderer->Report({part}).dump(1) << std::endl;
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddRenderCommand(CLI::App& app, int* exit_code) {
+  auto arguments = std::make_shared<RenderArguments>();
+  arguments->threads = AvailableThreads();
+  CLI::App* const command = app.add_subcommand("render", "Make pictures of depth: depth of field, or a second eye");
+  command->footer(kFooter);
+  command->add_option("input", arguments->input, "Recording, or folder that upsample wrote")
+      ->required()
+      ->type_name("SEQ");
+  command->add_option("-o,--out", arguments->out, "Video (.mp4, .mkv) or folder to write")
+      ->required()
+      ->type_name("OUT");
+  command->add_option("--sequence", arguments->sequence, "The recording, if it is no longer where upsample read it")
+      ->type_name("SEQ");
+  command->add_option("--frames", arguments->frame_format, "Of a folder: png (default) or jpeg")->type_name("FORMAT");
+  command->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
+      ->capture_default_str()
+      ->check(CLI::Range(1, kMaxThreads))
+      ->type_name("N");
+  command->add_flag("--force", arguments->force, "Replace what is at OUT");
+
+  json& dof = arguments->dof_options;
+  const std::string lens = "Depth of field";
+  command->add_flag("--dof", arguments->dof, "Blur what is not in focus")->group(lens);
+  Bind<double>(command, dof, "--fstop", "fstop", "Aperture = focal length / this; smaller is more blur [1.8]")
+      ->type_name("N")
+      ->group(lens);
+  Bind<double>(command, dof, "--focal-mm", "focal_mm",
+               "Focal length [that of the camera's field of view on the sensor]")
+      ->type_name("MM")
+      ->group(lens);
+  Bind<std::string>(command, dof, "--sensor", "sensor",
+                    "full-frame [default], medium-format, super-35, aps-c, micro-four-thirds, one-inch")
+      ->type_name("NAME")
+      ->group(lens);
+  Bind<double>(command, dof, "--aperture-mm", "aperture_mm", "Diameter of the aperture, instead of --fstop")
+      ->type_name("MM")
+      ->group(lens);
+  const auto focus = [&](const char* flag, const char* help, const char* type,
+                         const std::function<absl::StatusOr<json>(const std::string&)>& parse) {
+    command
+        ->add_option_function<std::string>(
+            flag,
+            [&dof, flag = std::string(flag), parse](const std::string& text) {
+              const absl::StatusOr<json> value = parse(text);
+              if (!value.ok()) throw CLI::ValidationError(flag, std::string(value.status().message()));
+              dof["focus"].update(*value);
+            },
+            help)
+        ->type_name(type)
+        ->group(lens);
+  };
+  focus("--focus-depth", "Focus at this depth, metres [the clip's median]", "M",
+        [](const std::string& text) -> absl::StatusOr<json> {
+          double depth_m = 0;
+          if (!absl::SimpleAtod(text, &depth_m)) return absl::InvalidArgumentError("must be a number of metres");
+          return json{{"depth_m", depth_m}};
+        });
+  const auto inside = [](const char* name, absl::StatusOr<json> (*parse)(const std::string&)) {
+    return [name, parse](const std::string& text) -> absl::StatusOr<json> {
+      ASSIGN_OR_RETURN(json value, parse(text));
+      return json{{name, std::move(value)}};
+    };
+  };
+  focus("--focus-pixel", "Focus at what this frame shows there, in all frames", "FRAME,X,Y",
+        inside("pixel", ParsePixel));
+  focus("--focus-track", "Focus on what this frame shows there, wherever it moves", "FRAME,X,Y",
+        inside("track", ParsePixel));
+  focus("--focus-keys", "Focus from depth to depth (rack focus)", "FRAME:M,...", inside("keys", ParseKeys));
+  command
+      ->add_option_function<std::string>(
+          "--focus-easing", [&dof](const std::string& easing) { dof["focus"]["keys"]["easing"] = easing; },
+          "Between keys: smooth [default], linear")
+      ->type_name("NAME")
+      ->group(lens);
+  Bind<std::string>(command, dof, "--dof-method", "method",
+                    "layers [default]; kraus (Kraus and Strengert 2007), gather: to compare with")
+      ->type_name("NAME")
+      ->group(lens);
+  Bind<int>(command, dof, "--layers", "layers", "Layers of equal width in blur [12]")->type_name("N")->group(lens);
+  Bind<int>(command, dof, "--blades", "blades", "Of the aperture, 3 to 16; 0 is round [0]")
+      ->type_name("N")
+      ->group(lens);
+  Bind<double>(command, dof, "--max-radius", "max_radius_px", "Largest radius of blur, pixels, up to 128 [32]")
+      ->type_name("PX")
+      ->group(lens);
+
+  json& stereo = arguments->stereo_options;
+  const std::string eyes = "Stereo";
+  command->add_flag("--stereo", arguments->stereo, "Make a second eye")->group(eyes);
+  Bind<std::string>(command, stereo, "--format", "format",
+                    "full-sbs [default], half-sbs, full-tb, half-tb, anaglyph-dubois, anaglyph-half-colour, "
+                    "anaglyph-grey, separate")
+      ->type_name("NAME")
+      ->group(eyes);
+  Bind<std::string>(command, stereo, "--eye", "made", "The eye that is made: left [default], right, both")
+      ->type_name("NAME")
+      ->group(eyes);
+  Bind<double>(command, stereo, "--divergence", "divergence_percent",
+               "Disparity from the nearest to the farthest of the clip, percent of the width [2]")
+      ->type_name("PERCENT")
+      ->group(eyes);
+  Bind<double>(command, stereo, "--baseline", "baseline_m", "Distance between the eyes, instead of --divergence")
+      ->type_name("M")
+      ->group(eyes);
+  Bind<double>(command, stereo, "--convergence", "convergence_m", "Depth that appears on the screen [by the clip]")
+      ->type_name("M")
+      ->group(eyes);
+  command
+      ->add_flag_callback(
+          "--no-floating-window", [&stereo] { stereo["floating_window"] = false; },
+          "No black borders before what the frame cuts")
+      ->group(eyes);
+  command
+      ->add_flag_callback(
+          "--metadata", [&stereo] { stereo["metadata"] = true; },
+          "Mark videos so that a stereo display switches itself")
+      ->group(eyes);
+  Bind<double>(command, stereo, "--screen-width", "screen_width_m", "Of whom the comfort report is for [1]")
+      ->type_name("M")
+      ->group(eyes);
+  Bind<double>(command, stereo, "--viewing-distance", "viewing_distance_m", "Of whom the comfort report is for [3]")
+      ->type_name("M")
+      ->group(eyes);
+  command->callback([=] { *exit_code = ReportStatus(Render(*arguments)); });
+}
+
+}  // namespace depthtween::tools
