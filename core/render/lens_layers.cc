@@ -105,9 +105,8 @@ class LayeredBlur {
   Image<Light> Render(int threads) const {
     Image<Light> out(width_, height_);
     ParallelRows(height_, threads, [&](int first, int last) {
-      // Per pixel all layers side by side, and as differences from the pixel to the left: a row of a circle is its
-      // rims, however wide it is.
-      std::vector<Light> steps(static_cast<size_t>(width_ + 2 * Margin()) * layers_.count(), Light{});
+      // A row of each layer, as differences from the pixel to the left: a row of a circle is its rims, however wide.
+      std::vector<Light> steps(static_cast<size_t>(Stride()) * layers_.count(), Light{});
       for (int y = first; y < last; ++y) {
         for (int down = -reach_; down <= reach_; ++down) {
           const SourceRow& from = rows_[Mirrored(y - down, height_)];
@@ -127,6 +126,7 @@ class LayeredBlur {
     return radius_px;
   }
   int Margin() const { return 2 * reach_ + 2; }  // the outermost source, and from there its circle
+  int Stride() const { return width_ + 2 * Margin(); }
 
   SourceRow Collect(int y) const {
     SourceRow row;
@@ -176,11 +176,10 @@ class LayeredBlur {
 
   // What the sources of a row give to the row `down` rows below.
   void Spread(const std::vector<Source>& sources, int down, std::vector<Light>& steps) const {
-    const int layers = layers_.count();
     for (const Source& source : sources) {
       if (std::abs(down) > source.reach) continue;
-      Light* const at = steps.data() + (source.x + Margin()) * layers + source.layer;
-      for (const auto& [px, change] : aperture_.RowAt(source.row + down)) at[px * layers] += source.light * change;
+      Light* const at = steps.data() + source.layer * Stride() + Margin() + source.x;
+      for (const auto& [px, change] : aperture_.RowAt(source.row + down)) at[px] += source.light * change;
     }
   }
 
@@ -188,11 +187,11 @@ class LayeredBlur {
   void Compose(std::vector<Light>& steps, Light* out) const {
     const int layers = layers_.count();
     std::vector<Light> sums(layers, Light{});
-    Light* step = steps.data();
-    for (int x = -Margin(); x < width_ + Margin(); ++x, step += layers) {
-      for (int k = 0; k < layers; ++k) {
-        sums[k] += step[k];
-        step[k] = Light{};
+    for (int x = -Margin(); x < width_ + Margin(); ++x) {
+      Light* step = steps.data() + Margin() + x;
+      for (int k = 0; k < layers; ++k, step += Stride()) {
+        sums[k] += *step;
+        *step = Light{};
       }
       if (x < 0 || x >= width_) continue;
       // From the first layer on of which something is hidden, all that is left of the lens sees these layers.

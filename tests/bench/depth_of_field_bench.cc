@@ -71,11 +71,29 @@ Image<uint8_t> EdgeBandOf(const Image<float>& depth_m, const CircleOfConfusion& 
   return band;
 }
 
-Image<Rgb8> Render(const RenderView& view, const CircleOfConfusion& circle, DepthOfFieldMethod method, bool hidden) {
-  const HiddenBackground behind =
-      hidden ? FindHiddenBackground(view, {}, HiddenBackgroundOptions{}, AvailableThreads()) : HiddenBackground{};
-  return RenderDepthOfField(view, behind, circle, {.method = method}, AvailableThreads());
+Image<Rgb8> Render(const RenderView& view, const HiddenBackground& hidden, const CircleOfConfusion& circle,
+                   DepthOfFieldMethod method) {
+  return RenderDepthOfField(view, hidden, circle, {.method = method}, AvailableThreads());
 }
+
+HiddenBackground BehindSilhouettes(const RenderView& view, const std::vector<NeighborFrame>& neighbors = {}) {
+  return FindHiddenBackground(view, neighbors, {}, AvailableThreads());
+}
+
+// A frame of the same clip some time before or after, and the true motion there.
+struct Neighbor {
+  Image<Rgb8> color;
+  Image<float> depth_m;
+  Image<Flow2> motion;
+
+  Neighbor(const Scene& scene, const Renderer& from, double time_s) {
+    const Renderer there = RendererAt(scene, kCamera, time_s);
+    color = there.Color(AvailableThreads());
+    depth_m = std::move(there.Surface(AvailableThreads()).depth_m);
+    motion = std::move(from.MotionTo(there, AvailableThreads()).flow);
+  }
+  NeighborFrame Frame() const { return {{color, depth_m}, motion}; }
+};
 
 // Keeps a picture for the eye, where there is a folder for it.
 absl::Status Keep(const Image<Rgb8>& image, const std::string& folder, const std::string& name) {
@@ -100,19 +118,26 @@ absl::Status Quality(const std::string& references) {
   const struct {
     const char *name, *file;
     DepthOfFieldMethod method;
-    bool hidden;
-  } methods[] = {{"ours", "ours", DepthOfFieldMethod::kLayers, true},
-                 {"ours, nothing hidden known", "alone", DepthOfFieldMethod::kLayers, false},
-                 {"kraus", "kraus", DepthOfFieldMethod::kKraus, false},
-                 {"gather", "gather", DepthOfFieldMethod::kGather, false}};
+    int hidden;  // 0: unknown, 1: from this frame, 2: from four other frames too
+  } methods[] = {{"ours", "ours", DepthOfFieldMethod::kLayers, 1},
+                 {"ours, other frames at hand", "others", DepthOfFieldMethod::kLayers, 2},
+                 {"ours, nothing hidden", "alone", DepthOfFieldMethod::kLayers, 0},
+                 {"kraus", "kraus", DepthOfFieldMethod::kKraus, 0},
+                 {"gather", "gather", DepthOfFieldMethod::kGather, 0}};
   std::printf("| scene | focus | m |");
   for (const auto& method : methods) std::printf(" %s |", method.name);
-  std::printf("\n|---|---|---:|---:|---:|---:|---:|\n");
+  std::printf("\n|---|---|---:|---:|---:|---:|---:|---:|\n");
   for (const char* name : kScenes) {
     ASSIGN_OR_RETURN(const auto scene, MakeScene(name, 1));
     const Renderer renderer = RendererAt(*scene, kCamera, kTime);
     const Image<Rgb8> color = renderer.Color(AvailableThreads());
     const Image<float> depth = std::move(renderer.Surface(AvailableThreads()).depth_m);
+    std::vector<Neighbor> others;
+    std::vector<NeighborFrame> neighbors;
+    for (const int frames : {-4, 4, -8, 8}) others.emplace_back(*scene, renderer, kTime + frames / 240.0);
+    for (const Neighbor& other : others) neighbors.push_back(other.Frame());
+    const HiddenBackground hidden[] = {
+        {}, BehindSilhouettes({color, depth}), BehindSilhouettes({color, depth}, neighbors)};
     for (const auto& [focus, share] : {std::pair{"near", 0.05}, std::pair{"mid", 0.5}, std::pair{"far", 0.95}}) {
       const CircleOfConfusion circle = FocusOn(depth, share);
       const std::string stem = absl::StrCat(name, "_", focus);
@@ -120,7 +145,7 @@ absl::Status Quality(const std::string& references) {
       const Image<uint8_t> band = EdgeBandOf(depth, circle);
       std::printf("| %s | %s | %.2f |", name, focus, circle.focus_m);
       for (const auto& method : methods) {
-        const Image<Rgb8> image = Render({color, depth}, circle, method.method, method.hidden);
+        const Image<Rgb8> image = Render({color, depth}, hidden[method.hidden], circle, method.method);
         ColorErrors all, near_edges;
         all.Add(image, truth, {});
         near_edges.Add(image, truth, band);
@@ -163,7 +188,8 @@ absl::Status Upsampled(const std::string& references) {
       const Image<uint8_t> band = EdgeBandOf(truth, circle);
       const Image<float>* const depths[] = {&ours[frame], &held, &truth};
       for (int i = 0; i < 3; ++i) {
-        const Image<Rgb8> image = Render({color, *depths[i]}, circle, DepthOfFieldMethod::kLayers, true);
+        const RenderView view{color, *depths[i]};
+        const Image<Rgb8> image = Render(view, BehindSilhouettes(view), circle, DepthOfFieldMethod::kLayers);
         RETURN_IF_ERROR(Keep(image, references, absl::StrFormat("%s_frame%d.depth%d", name, frame, i)));
         all[i].Add(image, lens, {});
         near_edges[i].Add(image, lens, band);
