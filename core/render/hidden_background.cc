@@ -89,22 +89,17 @@ void Grow(std::vector<Pixel> front, int rings, int width, int height, const Step
   }
 }
 
-Search FollowBackground(const RenderView& view, const HiddenBackgroundOptions& options, int threads) {
-  const int width = view.depth_m.width(), height = view.depth_m.height();
-  const float behind = 1 - options.layer_gap;
-  Search search{InverseDepth(view.depth_m, threads), Image<float>(width, height), Image<uint8_t>(width, height), {}};
-  FindEdges(options.layer_gap, threads, search);
+// Takes each edge's background away from the edge, to all sides.
+void FollowAllAround(int reach, float behind, Search& search) {
   const Image<float>& inverse = search.inverse_depth;
-  std::vector<Pixel> foreground, guarded;
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
-      if (search.behind_inverse_depth(x, y) > 0) foreground.push_back({x, y});
-      if (search.guard(x, y) != 0) guarded.push_back({x, y});
-    }
-  search.pixels = foreground;
+  const int width = inverse.width(), height = inverse.height();
+  std::vector<Pixel> edge;
   Image<int16_t> reached(width, height, -1);  // the ring
-  for (const Pixel p : foreground) reached(p.x, p.y) = 0;
-  Grow(std::move(foreground), options.reach_px - 1, width, height, [&](Pixel from, Pixel to, int ring) {
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      if (search.behind_inverse_depth(x, y) > 0) edge.push_back({x, y}), reached(x, y) = 0;
+  search.pixels = edge;
+  Grow(std::move(edge), reach - 1, width, height, [&](Pixel from, Pixel to, int ring) {
     const float layer = search.behind_inverse_depth(from.x, from.y);
     float& there = search.behind_inverse_depth(to.x, to.y);
     if (layer >= inverse(to.x, to.y) * behind) return false;
@@ -117,6 +112,49 @@ Search FollowBackground(const RenderView& view, const HiddenBackgroundOptions& o
     search.pixels.push_back(to);
     return true;
   });
+}
+
+// The same along rows, from edges whose background is on the side of `step` -1 (left) or 1.
+void FollowRows(int reach, float behind, int step, int threads, Search& search) {
+  const int width = search.inverse_depth.width();
+  ParallelRows(search.inverse_depth.height(), threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y) {
+      const float* inverse = search.inverse_depth.row(y);
+      float* found = search.behind_inverse_depth.row(y);
+      float layer = 0;
+      for (int i = 1, left = 0; i < width; ++i) {
+        const int x = step < 0 ? i : width - 1 - i;
+        const float beside = inverse[x + step];
+        if (beside > 0 && beside < inverse[x] * behind) layer = beside, left = reach;
+        if (left > 0 && layer < inverse[x] * behind)
+          found[x] = found[x] > 0 ? std::min(found[x], layer) : layer, --left;
+        else
+          left = 0;
+      }
+    }
+  });
+}
+
+Search FollowBackground(const RenderView& view, const HiddenBackgroundOptions& options, int threads) {
+  const int width = view.depth_m.width(), height = view.depth_m.height();
+  const float behind = 1 - options.layer_gap;
+  Search search{InverseDepth(view.depth_m, threads), Image<float>(width, height), Image<uint8_t>(width, height), {}};
+  const Image<float>& inverse = search.inverse_depth;
+  FindEdges(options.layer_gap, threads, search);
+  if (options.sides == EdgeSides::kAllAround) {
+    FollowAllAround(options.reach_px, behind, search);
+  } else {
+    search.behind_inverse_depth.Fill(0.0F);
+    if (options.sides != EdgeSides::kRight) FollowRows(options.reach_px, behind, -1, threads, search);
+    if (options.sides != EdgeSides::kLeft) FollowRows(options.reach_px, behind, 1, threads, search);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        if (search.behind_inverse_depth(x, y) > 0) search.pixels.push_back({x, y});
+  }
+  std::vector<Pixel> guarded;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      if (search.guard(x, y) != 0) guarded.push_back({x, y});
   if (options.guard_px == 0) search.guard.Fill(0), guarded.clear();
   std::vector<Pixel> all_guarded = guarded;
   Grow(std::move(guarded), options.guard_px - 1, width, height, [&](Pixel from, Pixel to, int) {
@@ -133,6 +171,33 @@ Search FollowBackground(const RenderView& view, const HiddenBackgroundOptions& o
       search.pixels.push_back(p);
     }
   return search;
+}
+
+// Colours of the layer where it comes into sight straight left, right, above and below pixel (x, y), added to what
+// pull-push says: lines that run into the edge go on behind it for a while before they blur.
+LayerSample ContinueLines(int x, int y, ImageView<const Rgb8> color, const Search& search, float layer_gap,
+                          LayerSample sample) {
+  constexpr float kFadePx = 5.0F;
+  constexpr int kReachPx = 16;
+  const float behind = search.behind_inverse_depth(x, y);
+  const float farthest = behind * (1 - 2 * layer_gap), nearest = behind / (1 - layer_gap);
+  for (int k = 0; k < 4; ++k)
+    for (int d = 1; d <= kReachPx; ++d) {
+      const int nx = x + d * kAround[k][0], ny = y + d * kAround[k][1];
+      if (!color.Contains(nx, ny)) break;
+      const float there = search.inverse_depth(nx, ny);
+      if (search.guard(nx, ny) != 0 || there <= 0 || there > nearest) continue;
+      if (there >= farthest) {
+        const Rgb8 c = color(nx, ny);
+        const float weight = 2 * std::exp(-static_cast<float>(d) / kFadePx), share = weight / (sample.weight + weight);
+        sample.value[0] += share * (static_cast<float>(c.r) - sample.value[0]);
+        sample.value[1] += share * (static_cast<float>(c.g) - sample.value[1]);
+        sample.value[2] += share * (static_cast<float>(c.b) - sample.value[2]);
+        sample.weight += weight;
+      }
+      break;
+    }
+  return sample;
 }
 
 // Pixels within `radius` (a square) of a marked one.
@@ -261,7 +326,7 @@ HiddenBackground FindHiddenBackground(const RenderView& view, const std::vector<
   for_each_open([&](int x, int y, float behind) {
     const LayerSample sample = pyramid.Infer(x, y, behind);
     if (sample.weight <= 0) return;
-    out.color(x, y) = sample.Color();
+    out.color(x, y) = ContinueLines(x, y, view.color, search, options.layer_gap, sample).Color();
     out.depth_m(x, y) = 1.0F / sample.inverse_depth;
     out.source(x, y) = kHiddenInferred;
   });

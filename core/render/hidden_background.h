@@ -30,7 +30,11 @@ struct HiddenBackground {
   Image<uint8_t> source;  // kHiddenSeen, kHiddenInferred or 0
 };
 
+// Behind which edges of the foreground to look. An eye further left sees past left edges, and only along the row.
+enum class EdgeSides { kAllAround, kLeft, kRight, kLeftAndRight };
+
 struct HiddenBackgroundOptions {
+  EdgeSides sides = EdgeSides::kAllAround;
   int reach_px = 32;        // how far from an edge into the foreground, 1..256
   int guard_px = 1;         // background this near to an edge may carry foreground colour: not trusted, 0..8
   float layer_gap = 0.04F;  // an edge is where the nearer depth lies this share before the farther one, (0, 0.5]
@@ -44,9 +48,9 @@ struct HiddenBackgroundOptions {
 // no foreground were mixed into it.
 //
 // A point that a neighbour sees (neighbours in order of preference) is taken from there: the motion of the background
-// is continued under the foreground to find it, and the neighbour's depth must confirm it. The rest is inferred by
-// pull-push from trusted pixels of the same layer. No pixel of a nearer layer ever contributes colour. `options` must
-// validate; neighbours have the size of the view.
+// is continued under the foreground to find it, and the neighbour's depth must confirm it. The rest is inferred from
+// trusted pixels of the same layer, by pull-push and by lines that go on. No pixel of a nearer layer ever contributes
+// colour. `options` must validate; neighbours have the size of the view.
 HiddenBackground FindHiddenBackground(const RenderView& view, const std::vector<NeighborFrame>& neighbors,
                                       const HiddenBackgroundOptions& options, int threads);
 

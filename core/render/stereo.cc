@@ -48,9 +48,9 @@ float ForegroundShare(Rgb8 mixed, Rgb8 foreground, Rgb8 background) {
   const float length2 = dot(line, line);
   if (length2 < kTellApart2) return 0;
   const float share = dot(line, place) / length2;
-  if (dot(place, place) - share * share * length2 > 0.25F * length2) return 0;
+  if (dot(place, place) - share * share * length2 > 0.5F * length2) return 0;
   // The ends are widened: neither colour is known better.
-  return std::clamp((share - 0.15F) / 0.7F, 0.0F, 1.0F);
+  return std::clamp((share - 0.03F) / 0.9F, 0.0F, 1.0F);
 }
 
 // Background with the share `alpha` of foreground taken out of a mixture, for alpha < 1/2.
@@ -385,6 +385,9 @@ absl::StatusOr<StereoGeometry> ResolveStereo(const Camera& camera, const StereoO
         "%.1f px (a fifth of the width): choose a smaller baseline or divergence",
         geometry.baseline_m, geometry.convergence_m, behind, in_front, limit));
   geometry.window_px = options.floating_window ? static_cast<int>(std::ceil(std::max(0.0, in_front))) : 0;
+  geometry.background.sides = options.made == MadeEye::kLeft    ? EdgeSides::kLeft
+                              : options.made == MadeEye::kRight ? EdgeSides::kRight
+                                                                : EdgeSides::kLeftAndRight;
   // What is nearer than the 1st percentile uncovers a little more.
   geometry.background.reach_px = std::clamp(static_cast<int>(std::ceil(1.25 * (in_front - behind))) + 2, 4, 256);
   geometry.background.guard_px = 1;  // depth edges of cameras lie a pixel beside colour edges

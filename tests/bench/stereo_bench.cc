@@ -218,6 +218,7 @@ absl::StatusOr<Pair> MakePair(std::string name, const std::string& source, const
   Camera camera;
   camera.width = width, camera.height = height, camera.fx = camera.fy = focal_px;
   StereoOptions options;
+  options.made = MadeEye::kRight;
   options.baseline_m = baseline_m;
   options.convergence_m =
       convergence_px > 0 ? focal_px * baseline_m / convergence_px : std::numeric_limits<double>::infinity();

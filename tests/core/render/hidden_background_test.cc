@@ -51,6 +51,20 @@ TEST(HiddenBackground, ReachesAsFarAsAskedAndNoFarther) {
     }
 }
 
+// What another eye sees lies along rows; edges above and below are left alone, but for the mixed pixels beside them.
+TEST(HiddenBackground, LooksOnTheSidesAskedFor) {
+  const Stage stage = MakeStage();
+  for (const EdgeSides sides : {EdgeSides::kLeft, EdgeSides::kRight, EdgeSides::kLeftAndRight}) {
+    const HiddenBackground hidden = FindHiddenBackground(stage.View(), {}, {.sides = sides, .reach_px = 6}, 1);
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        if (!OnSquare(x, y)) continue;
+        const bool wanted = (sides != EdgeSides::kRight && x < 36) || (sides != EdgeSides::kLeft && x >= 54);
+        EXPECT_EQ(hidden.source(x, y), wanted ? kHiddenInferred : 0) << x << " " << y;
+      }
+  }
+}
+
 TEST(HiddenBackground, TakesNoColourOfTheForeground) {
   const Stage stage = MakeStage();
   const HiddenBackground hidden = FindHiddenBackground(stage.View(), {}, {.reach_px = 15}, 1);
