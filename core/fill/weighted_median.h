@@ -5,21 +5,37 @@
 #ifndef DEPTHTWEEN_CORE_FILL_WEIGHTED_MEDIAN_H_
 #define DEPTHTWEEN_CORE_FILL_WEIGHTED_MEDIAN_H_
 
+#include <vector>
+
 #include "core/base/image.h"
 
 namespace depthtween {
 
-struct WeightedMedianOptions {
-  int radius = 4;            // pixels, 1..15
-  float space_sigma = 2.0F;  // pixels: thin things must not be outvoted by the wide background around them
-  float color_sigma = 5.0F;  // sRGB units, per channel: a little above a camera's noise
+// What has a say: a depth map, how sure it is (>= 0), and the colours it is seen in. Samples of depth 0 or confidence 0
+// do not vote.
+struct MedianVoters {
+  ImageView<const float> depth_m, confidence;
+  ImageView<const Rgb8> color;
 };
 
-// Writes into `out` the median of depth around each pixel whose mask is non-zero; copies elsewhere. Samples of depth 0
-// or confidence 0 do not vote. Shapes: all W x H. confidence >= 0.
-Image<float> WeightedMedian(ImageView<const float> depth_m, ImageView<const float> confidence,
-                            ImageView<const Rgb8> color, ImageView<const uint8_t> mask,
-                            const WeightedMedianOptions& options, int threads);
+// Voters of another time: around the place where `motion` (pixels) takes a pixel, each counting `weight`.
+struct MedianWitness {
+  MedianVoters voters;
+  ImageView<const Flow2> motion;
+  float weight = 1.0F;
+};
+
+struct WeightedMedianOptions {
+  int radius = 3;            // pixels, 1..15
+  float space_sigma = 1.5F;  // pixels: thin things must not be outvoted by the wide background around them
+  float color_sigma = 5.0F;  // sRGB units, per channel: a little above a camera's noise
+  int witness_radius = 2;    // pixels, 0..radius: motion between frames is known to about one
+};
+
+// The median of depth around each pixel whose mask is non-zero, over `own` and all witnesses; own depth elsewhere.
+// Shapes: all W x H.
+Image<float> WeightedMedian(const MedianVoters& own, const std::vector<MedianWitness>& witnesses,
+                            ImageView<const uint8_t> mask, const WeightedMedianOptions& options, int threads);
 
 }  // namespace depthtween
 

@@ -20,7 +20,10 @@ namespace depthtween {
 namespace {
 
 // Neighbour-to-neighbour flow only proposes and starts: half resolution is enough. The flow to a key decides edges.
-constexpr DenseFlowOptions kNeighbourFlow{.finest_scale = 1, .patch_stride = 4, .descent_iterations = 16};
+// Variational refinement smooths across silhouettes what the choice among proposals has to tell apart: without it every
+// sequence is as good or better, and flow takes half the time.
+constexpr DenseFlowOptions kNeighbourFlow{
+    .finest_scale = 1, .patch_stride = 4, .descent_iterations = 16, .refinement_iterations = 0};
 
 // Over so few frames, and so few pixels in the mean, motion is small and its error smaller: half resolution is enough.
 constexpr int kNearFrames = 2;
@@ -29,6 +32,10 @@ constexpr double kNearMotionPx = 4.0;
 constexpr int kDrawStep = 2;
 // A track's two ends whose depths differ by more than this share of the nearer are on two surfaces.
 constexpr float kSameSurface = 0.2F;
+// So many frames on either side bear witness to a frame's edges, the next one with this weight, the second with its
+// square: beyond, what they say of an edge is no longer of that edge.
+constexpr int kWitnessFrames = 2;
+constexpr float kWitnessWeight = 0.7F;
 
 // Mean length of the motions, from every fourth pixel in both directions.
 double MeanLength(const Image<Flow2>& flow) {
@@ -67,6 +74,7 @@ class IntervalRun {
       RETURN_IF_ERROR(Stage("track", [&] { return FlowToKeys(); }));
       RETURN_IF_ERROR(Stage("draw", [&] { return DrawKeys(); }));
       RETURN_IF_ERROR(Stage("choose", [&] { return ChooseAndFuse(); }));
+      RETURN_IF_ERROR(Stage("edges", [&] { return SettleEdges(); }));
       RETURN_IF_ERROR(Stage("deliver", [&] { return Deliver(sink); }));
     }
     summary_.termination = "complete";
@@ -178,9 +186,9 @@ class IntervalRun {
   absl::Status FlowToKeys() {
     const int count = window_.size();
     const DenseFlowOptions far{.finest_scale = options_.flow_finest_scale,
-                               .patch_stride = 5,
-                               .descent_iterations = 8,
-                               .refinement_iterations = 1};
+                               .patch_stride = 6,
+                               .descent_iterations = 5,
+                               .refinement_iterations = 0};
     const DenseFlowOptions near{.finest_scale = std::max(1, options_.flow_finest_scale)};
     for (int side = 0; side < 2; ++side) composed_[side].resize(count), refined_[side].resize(count);
     RETURN_IF_ERROR(SideBySide(2, [&](int side) {
@@ -253,41 +261,83 @@ class IntervalRun {
   }
 
   absl::Status ChooseAndFuse() {
-    if (!context_.want_motion) forward_.clear(), backward_.clear();
-    results_.resize(interval_.frame_count);
-    const int inner = std::max(1, context_.threads / std::max(1, interval_.frame_count));
+    fused_.resize(interval_.frame_count);
+    const int inner = ThreadsPerFrame();
     return SideBySide(interval_.frame_count, [&](int i) {
-      results_[i] = ResultOf(i, inner);
+      const int frame = FrameInWindow(i);
+      const auto& color = window_.color[frame];
+      const MatchImage target(color);
+      const Image<Flow2> still(color.width(), color.height());
+      ChooseInput input{.target = &target, .keys = {&keys_[0], &keys_[1]}, .tau = Tau(frame), .noise = noise_};
+      for (int side = 0; side < 2; ++side)
+        input.proposals[side] = {refined_[side][frame], composed_[side][frame], drawn_[side][frame], still};
+      fused_[i] = Fuse(input, Choose(input, {.sweeps = options_.sweeps}, inner), inner);
       // Nothing else looks at these again; a long interval holds many.
       for (auto* motions : {composed_, refined_, drawn_})
-        for (int side = 0; side < 2; ++side) motions[side][FrameInWindow(i)] = {};
+        for (int side = 0; side < 2; ++side) motions[side][frame] = {};
       return absl::OkStatus();
     });
   }
 
-  DepthResult ResultOf(int i, int threads) const {
+  int ThreadsPerFrame() const { return std::max(1, context_.threads / std::max(1, interval_.frame_count)); }
+
+  // Frames were decided one by one, so near silhouettes each errs in its own way: a median over the frames around it
+  // moves an edge to where most of them, and the colours of this one, see it.
+  absl::Status SettleEdges() {
+    results_.resize(interval_.frame_count);
+    Image<float> key_confidence[2];
+    for (int side = 0; side < 2; ++side) {
+      const Image<float>& distance = keys_[side].distance;
+      key_confidence[side] = Image<float>(distance.width(), distance.height());
+      for (size_t p = 0; p < distance.pixel_count(); ++p)
+        key_confidence[side].data()[p] = 1.0F / (1.0F + distance.data()[p]);
+    }
+    // Who may vote for a frame of the window: its own result, else the key that is seen in it.
+    const auto voters_of = [&](int frame) -> MedianVoters {
+      const int i = frame - FrameInWindow(0);
+      if (i >= 0 && i < interval_.frame_count) return {fused_[i].depth_m, fused_[i].confidence, window_.color[frame]};
+      for (int side = 0; side < 2; ++side)
+        if (KeyInWindow(side) == frame) return {keys_[side].depth_m, key_confidence[side], window_.color[frame]};
+      return {};
+    };
+    const int inner = ThreadsPerFrame();
+    return SideBySide(interval_.frame_count, [&](int i) {
+      const int frame = FrameInWindow(i);
+      Image<Flow2> motions[2 * kWitnessFrames];
+      std::vector<MedianWitness> witnesses;
+      for (const int direction : {-1, 1})
+        for (int d = 1; options_.median_radius > 0 && d <= kWitnessFrames; ++d) {
+          const int at = frame + direction * d;
+          if (at < 0 || at >= window_.size()) break;
+          const MedianVoters voters = voters_of(at);
+          if (voters.depth_m.empty()) break;
+          const Image<Flow2>& step = direction > 0 ? forward_[at - 1] : backward_[at];
+          Image<Flow2>& motion = motions[witnesses.size()];
+          motion = d == 1 ? step.Clone() : Compose(witnesses.back().motion, step);
+          witnesses.push_back({voters, motion, std::pow(kWitnessWeight, static_cast<float>(d))});
+        }
+      results_[i] = ResultOf(i, witnesses, inner);
+      return absl::OkStatus();
+    });
+  }
+
+  DepthResult ResultOf(int i, const std::vector<MedianWitness>& witnesses, int threads) const {
     const int frame = FrameInWindow(i);
-    const auto& color = window_.color[frame];
-    const MatchImage target(color);
-    const Image<Flow2> still(color.width(), color.height());
-    ChooseInput input{.target = &target, .keys = {&keys_[0], &keys_[1]}, .tau = Tau(frame), .noise = noise_};
-    for (int side = 0; side < 2; ++side)
-      input.proposals[side] = {refined_[side][frame], composed_[side][frame], drawn_[side][frame], still};
-    const Choice choice = Choose(input, {.sweeps = options_.sweeps}, threads);
-    Fused fused = Fuse(input, choice, threads);
+    const Fused& fused = fused_[i];
     DepthResult result{.color_index = interval_.first_frame + i};
-    result.depth_m = std::move(fused.depth_m);
     if (options_.median_radius > 0) {
-      Image<uint8_t> mask = NearDepthJumps(result.depth_m, options_.median_radius, noise_, threads);
+      Image<uint8_t> mask = NearDepthJumps(fused.depth_m, options_.median_radius + 1, noise_, threads);
       for (size_t p = 0; p < mask.pixel_count(); ++p)
         if (fused.confirmed.data()[p]) mask.data()[p] = 0;
-      result.depth_m =
-          WeightedMedian(result.depth_m, fused.confidence, color, mask, {.radius = options_.median_radius}, threads);
+      result.depth_m = WeightedMedian({fused.depth_m, fused.confidence, window_.color[frame]}, witnesses, mask,
+                                      {.radius = options_.median_radius}, threads);
+    } else {
+      result.depth_m = fused.depth_m.Clone();
     }
-    MarkMeasured(frame, fused.provenance);
-    result.sigma_m = PredictSigma(result.depth_m, fused.confidence, fused.provenance, noise_, threads);
-    result.provenance = std::move(fused.provenance);
-    if (frame < static_cast<int>(forward_.size())) {
+    result.provenance = fused.provenance.Clone();
+    MarkMeasured(frame, result.provenance);
+    result.sigma_m = PredictSigma(result.depth_m, fused.confidence, result.provenance, noise_, threads);
+    if (context_.want_motion && frame < static_cast<int>(forward_.size())) {
       result.motion_next = forward_[frame].Clone();
       result.motion_back = backward_[frame].Clone();
     }
@@ -343,6 +393,7 @@ class IntervalRun {
   Key keys_[2];
   std::vector<Image<Flow2>> forward_, backward_;                   // [i]: frame i <-> i + 1 of the window
   std::vector<Image<Flow2>> composed_[2], refined_[2], drawn_[2];  // [side][frame of the window]: to the key
+  std::vector<Fused> fused_;
   std::vector<DepthResult> results_;
 };
 

@@ -18,7 +18,7 @@ struct PipelineOptions {
   // Sweeps of propagation between neighbouring pixels where the match is uncertain. >= 0.
   int sweeps = 2;
   // Radius of the weighted median along colour near depth jumps, pixels. 0 switches it off.
-  int median_radius = 4;
+  int median_radius = 3;
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
 

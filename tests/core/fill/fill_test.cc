@@ -156,7 +156,7 @@ TEST(WeightedMedian, AgreesWithSorting) {
   Image<uint8_t> mask(24, 18, uint8_t{1});
   mask(3, 3) = 0;
   const WeightedMedianOptions options{.radius = 4};
-  const Image<float> out = WeightedMedian(depth, confidence, color, mask, options, 2);
+  const Image<float> out = WeightedMedian({depth, confidence, color}, {}, mask, options, 2);
   int differing = 0;
   for (int y = 0; y < 18; ++y)
     for (int x = 0; x < 24; ++x) {
@@ -175,10 +175,29 @@ TEST(WeightedMedian, KeepsThinThings) {
   Image<Rgb8> color(40, 30, Rgb8{200, 200, 200});
   for (int y = 0; y < 30; ++y)
     for (int x = 18; x < 21; ++x) depth(x, y) = 1.0F, color(x, y) = {60, 80, 90};
-  const Image<float> out =
-      WeightedMedian(depth, Image<float>(40, 30, 1.0F), color, Image<uint8_t>(40, 30, uint8_t{1}), {}, 1);
+  const Image<float> sure(40, 30, 1.0F);
+  const Image<float> out = WeightedMedian({depth, sure, color}, {}, Image<uint8_t>(40, 30, uint8_t{1}), {}, 1);
   for (int y = 0; y < 30; ++y)
     for (int x = 0; x < 40; ++x) EXPECT_EQ(out(x, y), depth(x, y));
+}
+
+// A frame alone is wrong about an edge; two frames around it, in which everything has moved by three pixels, are right
+// and outvote it. Without colour to go by, so that the votes alone decide.
+TEST(WeightedMedian, WitnessesOutvoteAnEdgeThatOneFrameGotWrong) {
+  const auto edge_at = [](int column) {
+    Image<float> depth(40, 30, 3.0F);
+    for (int y = 0; y < 30; ++y)
+      for (int x = 0; x < column; ++x) depth(x, y) = 1.0F;
+    return depth;
+  };
+  const Image<float> wrong = edge_at(21), before = edge_at(17), after = edge_at(23), sure(40, 30, 1.0F);
+  const Image<Rgb8> grey(40, 30, Rgb8{90, 90, 90});
+  const Image<Flow2> back(40, 30, Flow2{-3, 0}), forth(40, 30, Flow2{3, 0});
+  const std::vector<MedianWitness> witnesses = {{{before, sure, grey}, back, 1.0F}, {{after, sure, grey}, forth, 1.0F}};
+  const Image<uint8_t> everywhere(40, 30, uint8_t{1});
+  EXPECT_EQ(WeightedMedian({wrong, sure, grey}, {}, everywhere, {}, 1)(20, 15), 1.0F);
+  EXPECT_EQ(WeightedMedian({wrong, sure, grey}, witnesses, everywhere, {}, 1)(20, 15), 3.0F);
+  EXPECT_EQ(WeightedMedian({wrong, sure, grey}, witnesses, everywhere, {}, 1)(19, 15), 1.0F);
 }
 
 }  // namespace
