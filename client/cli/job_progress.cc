@@ -22,6 +22,9 @@ std::string DescribeProgress(const v1::Job& job) {
     text = absl::StrCat("frame ", progress.frames_done(), " of ", progress.frames_total(), ", interval ",
                         progress.intervals_done(), " of ", progress.intervals_total(), ", ");
   }
+  if (progress.rendered_frames_total() > 0) {
+    absl::StrAppend(&text, "picture ", progress.rendered_frames_done(), " of ", progress.rendered_frames_total(), ", ");
+  }
   absl::StrAppend(&text, job.state() == v1::Job::STATE_RUNNING ? progress.stage() : state);
   if (progress.has_eta()) {
     const auto& remaining = progress.eta().remaining();
@@ -44,7 +47,7 @@ absl::StatusOr<client::FetchSummary> FetchWithProgressLine(client::Connection& c
   ProgressLine line("fetch");
   return client::FetchResult(connection, job, directory, options, [&](const client::FetchProgress& progress) {
     const std::string received = absl::StrCat(", ", FormatBytes(progress.bytes));
-    // Frames of three outputs, so "images": a person counts frames of the clip.
+    // Frames of several outputs, so "images": a person counts frames of the clip.
     if (progress.frames_total == 0) {
       line.Show(0.0, absl::StrCat(progress.frames_done, " images", received));
     } else {

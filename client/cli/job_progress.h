@@ -9,7 +9,7 @@
 
 namespace depthtween::cli {
 
-// "frame 17 of 66, interval 2 of 8, flow, 0:04 left", "queued, 2 jobs ahead", "succeeded, 66 frames".
+// "frame 17 of 66, interval 2 of 8, picture 8 of 132, flow, 0:04 left", "queued, 2 jobs ahead", "succeeded, 66 frames".
 std::string DescribeProgress(const v1::Job& job);
 
 // Follows a job with a progress line on stderr until it has ended.

@@ -32,6 +32,7 @@ int Main(int argc, const char* const* argv) {
   AddSubmitCommand(app, &exit_code);
   AddWatchCommand(app, &exit_code);
   AddFetchCommand(app, &exit_code);
+  AddRenderCommand(app, &exit_code);
   AddListCommand(app, &exit_code);
   AddStatusCommand(app, &exit_code);
   AddCancelCommand(app, &exit_code);

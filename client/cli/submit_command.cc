@@ -10,6 +10,7 @@
 #include "client/cli/exit_codes.h"
 #include "client/cli/job_progress.h"
 #include "client/cli/progress_line.h"
+#include "client/cli/render_flags.h"
 #include "client/lib/fetch.h"
 #include "client/lib/jobs.h"
 #include "client/lib/local_sequence.h"
@@ -36,6 +37,8 @@ struct SubmitOptions {
   std::string method = "ours";
   int key_every = 1;
   int threads = 0;
+  RenderFlags renders;
+  v1::RenderOptions::Container container = v1::RenderOptions::CONTAINER_UNSPECIFIED;
 };
 
 double Share(int64_t done, int64_t total) {
@@ -124,6 +127,8 @@ void PrintResult(const SubmitOptions& options, const SubmitResult& result, int e
 }
 
 int Submit(const SubmitOptions& options, SubmitResult& result) {
+  const auto renders = RendersOf(options.renders, options.container);
+  if (!renders.ok()) return Report(renders.status());
   absl::StatusOr<client::LocalSequence> local = client::FindSequence(options.sequence);
   if (!local.ok()) return ReportInput(local.status());
   if (!options.output.empty()) {
@@ -149,6 +154,7 @@ int Submit(const SubmitOptions& options, SubmitResult& result) {
   order.mutable_options()->set_method(kMethods.at(options.method));
   order.mutable_options()->set_key_every(options.key_every);
   order.mutable_options()->set_threads(options.threads);
+  for (const v1::RenderOptions& render : *renders) *order.add_renders() = render;
   absl::StatusOr<v1::Job> job = client::SubmitJob(**connection, order);
   if (!job.ok()) return Report(job.status());
   result.job = *job;
@@ -192,6 +198,21 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       ->type_name("N")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
+  AddRenderFlags(*command, options->renders);
+  command
+      ->add_option_function<std::string>(
+          "--video",
+          [options](const std::string& name) {
+            options->container = name == "mp4" ? v1::RenderOptions::CONTAINER_MP4 : v1::RenderOptions::CONTAINER_MKV;
+          },
+          "Put the pictures of --dof and --stereo together in the end: mp4 (H.264) or mkv (FFV1, lossless)")
+      ->type_name("NAME")
+      ->check(CLI::IsMember({"mp4", "mkv"}));
+  command->footer(
+      "With --dof or --stereo the job renders every frame too, as soon as the frames around it are finished; OUT gets\n"
+      "their images in dof/ and stereo/.\n"
+      "\n"
+      "Example:  depthtween submit recording --dof --fstop 1.4 --focus-depth 2.5 --stereo --video mp4 -o result\n");
   AddCommonOptions(*command, options->common);
   command->callback([options, exit_code] {
     SubmitResult result;

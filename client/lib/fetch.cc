@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -129,17 +130,6 @@ class FetchState {
   std::map<std::string, int> next_frame_;
 };
 
-absl::Status RemoveResult(const std::string& directory) {
-  for (const char* part :
-       {".fetch.json", "report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance"}) {
-    const fs::path path = fs::path(directory) / part;
-    std::error_code error;
-    fs::remove_all(path, error);
-    if (error) return ErrnoStatus(error.value(), "removing " + path.string());
-  }
-  return absl::OkStatus();
-}
-
 // "depth" of "jobs/7/outputs/depth".
 std::string LastPart(const std::string& name) { return name.substr(name.find_last_of('/') + 1); }
 
@@ -148,13 +138,31 @@ absl::Status CheckName(const std::string& name) {
   return absl::DataLossError(absl::StrFormat("the server named a file '%s', which is not a plain file name", name));
 }
 
+// What a result has, and what the new one will have: pictures of another job under other names stay.
+absl::Status RemoveResult(const std::string& directory, const v1::ListOutputsResponse& outputs) {
+  std::vector<std::string> parts = {".fetch.json", "report.json", "depth.txt",  "camera.json",
+                                    "depth",       "uncertainty", "provenance", "motion"};
+  for (const v1::Output& output : outputs.outputs()) {
+    const std::string part = output.kind() == v1::Output::KIND_FRAMES ? LastPart(output.name()) : output.file_name();
+    RETURN_IF_ERROR(CheckName(part));
+    parts.push_back(part);
+  }
+  for (const std::string& part : parts) {
+    const fs::path path = fs::path(directory) / part;
+    std::error_code error;
+    fs::remove_all(path, error);
+    if (error) return ErrnoStatus(error.value(), "removing " + path.string());
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
 absl::StatusOr<v1::ListOutputsResponse> ListOutputs(Connection& connection, const std::string& job) {
   v1::ListOutputsRequest request;
   request.set_parent(job);
   return connection.Call(connection.outputs(), &Outputs::ListOutputs, request);
 }
-
-}  // namespace
 
 absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest request,
                           const std::function<absl::Status(const Frame&)>& sink) {
@@ -181,30 +189,64 @@ absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest reques
   }
 }
 
-absl::StatusOr<std::string> ReadOutput(Connection& connection, const std::string& name) {
-  std::string bytes;
+absl::StatusOr<int64_t> FetchFile(Connection& connection, const std::string& name, const std::string& path) {
+  ASSIGN_OR_RETURN(GrowingFile file, GrowingFile::Open(path));
+  int64_t size = 0;
   for (Persistence persistence(connection);;) {
     v1::ReadOutputRequest request;
     request.set_name(name);
-    request.set_read_offset(static_cast<int64_t>(bytes.size()));
+    request.set_read_offset(size);
     grpc::ClientContext context;
     const auto stream = connection.outputs().ReadOutput(&context, request);
     v1::ReadOutputResponse part;
-    absl::Status here;
-    while (here.ok() && stream->Read(&part)) {
+    absl::Status here, written;
+    while (here.ok() && written.ok() && stream->Read(&part)) {
       here = CheckChecksum(part.data(), part.crc32c(), name, part.offset());
-      if (here.ok() && part.offset() != static_cast<int64_t>(bytes.size())) {
+      if (here.ok() && part.offset() != size) {
         here = absl::DataLossError(absl::StrFormat("%s arrived with bytes out of place, at %d", name, part.offset()));
       }
       if (!here.ok()) continue;
-      bytes += part.data();
+      written = file.Append(part.data());
+      size += static_cast<int64_t>(part.data().size());
       persistence.Progressed();
+    }
+    if (!here.ok() || !written.ok()) context.TryCancel();
+    const absl::Status there = connection.Answer(stream->Finish());
+    if (!written.ok()) return written;
+    const absl::Status status = here.ok() ? there : here;
+    if (status.ok()) break;
+    if (!persistence.TryAgain(status)) return status;
+  }
+  RETURN_IF_ERROR(file.Finish());
+  return size;
+}
+
+absl::StatusOr<std::string> FrameFileName(const v1::FrameHeader& header) {
+  const std::string name = absl::StrCat(header.stem(), header.encoding() == v1::ENCODING_JPEG ? ".jpg" : ".png");
+  RETURN_IF_ERROR(CheckName(name));
+  return name;
+}
+
+absl::StatusOr<Frame> RenderFrame(Connection& connection, const v1::RenderFrameRequest& request) {
+  for (Persistence persistence(connection);;) {
+    grpc::ClientContext context;  // no deadline: the server has one
+    const auto stream = connection.outputs().RenderFrame(&context, request);
+    FrameAssembler assembler(request.job());
+    v1::FrameChunk chunk;
+    absl::Status here;
+    bool whole = false;
+    while (here.ok() && !whole && stream->Read(&chunk)) {
+      const absl::StatusOr<bool> added = assembler.Add(chunk);
+      here = added.status();
+      whole = added.ok() && *added;
     }
     if (!here.ok()) context.TryCancel();
     const absl::Status there = connection.Answer(stream->Finish());
     const absl::Status status = here.ok() ? there : here;
-    if (status.ok()) return bytes;
-    if (!persistence.TryAgain(status)) return status;
+    if (status.ok() && whole) return assembler.frame();
+    if (!persistence.TryAgain(status)) {
+      return status.ok() ? absl::DataLossError("the picture ended before it was whole") : status;
+    }
   }
 }
 
@@ -229,7 +271,7 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
   // Asked first, so that a wrong name leaves no folder behind.
   ASSIGN_OR_RETURN(v1::ListOutputsResponse outputs, ListOutputs(connection, job));
   RETURN_IF_ERROR(CheckFolder(directory, options.replace));
-  if (options.replace) RETURN_IF_ERROR(RemoveResult(directory));
+  if (options.replace) RETURN_IF_ERROR(RemoveResult(directory, outputs));
   RETURN_IF_ERROR(MakeFolder(directory));
   ASSIGN_OR_RETURN(FetchState state, FetchState::Open(directory, job));
   RETURN_IF_ERROR(state.Save());
@@ -249,11 +291,9 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
     v1::StreamFramesRequest request;
     request.set_name(output.name());
     request.set_start_frame(state.next_frame(folder));
-    request.set_encoding(v1::ENCODING_PNG);
     request.set_follow(options.follow);
     RETURN_IF_ERROR(StreamFrames(connection, request, [&](const Frame& frame) -> absl::Status {
-      const std::string name = absl::StrCat(frame.header.stem(), ".png");
-      RETURN_IF_ERROR(CheckName(name));
+      ASSIGN_OR_RETURN(const std::string name, FrameFileName(frame.header));
       RETURN_IF_ERROR(WriteFile(absl::StrCat(directory, "/", folder, "/", name), frame.bytes));
       RETURN_IF_ERROR(state.SetNextFrame(folder, frame.next_frame));
       progress.frames_done += 1;
@@ -280,9 +320,9 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
       continue;
     }
     RETURN_IF_ERROR(CheckName(output.file_name()));
-    ASSIGN_OR_RETURN(const std::string bytes, ReadOutput(connection, output.name()));
-    RETURN_IF_ERROR(WriteFile(absl::StrCat(directory, "/", output.file_name()), bytes));
-    progress.bytes += static_cast<int64_t>(bytes.size());
+    ASSIGN_OR_RETURN(const int64_t bytes,
+                     FetchFile(connection, output.name(), absl::StrCat(directory, "/", output.file_name())));
+    progress.bytes += bytes;
   }
   if (summary.complete) RETURN_IF_ERROR(state.Remove());
   return summary;

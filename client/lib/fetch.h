@@ -23,8 +23,17 @@ struct Frame {
 absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest request,
                           const std::function<absl::Status(const Frame&)>& sink);
 
-// The bytes of an output that is one file.
-absl::StatusOr<std::string> ReadOutput(Connection& connection, const std::string& name);
+// Writes an output that is one file to `path`, whole or not at all, and returns its size. A cut line costs a new stream
+// that goes on where it stopped.
+absl::StatusOr<int64_t> FetchFile(Connection& connection, const std::string& name, const std::string& path);
+
+// The name of a frame's file: its stem, ending as it is encoded. DataLoss if that is no plain file name.
+absl::StatusOr<std::string> FrameFileName(const v1::FrameHeader& header);
+
+// Of one frame, rendered now. Errors: FailedPrecondition when it is not finished; InvalidArgument names the field.
+absl::StatusOr<Frame> RenderFrame(Connection& connection, const v1::RenderFrameRequest& request);
+
+absl::StatusOr<v1::ListOutputsResponse> ListOutputs(Connection& connection, const std::string& job);
 
 struct FetchProgress {
   int frames_done = 0;   // files in the folder, over all outputs
@@ -48,8 +57,9 @@ struct FetchOptions {
 // result that may be replaced. Errors: AlreadyExists; InvalidArgument if it is no folder, or holds a recording.
 absl::Status CheckFolder(const std::string& directory, bool replace);
 
-// Writes the result of a job into `directory` as `depthtween-core upsample` would: depth/ uncertainty/ provenance/, the
-// files byte for byte as the server stores them, then depth.txt, camera.json and report.json. Where it stopped is kept
+// Writes the result of a job into `directory` as `depthtween-core upsample` would: depth/ uncertainty/ provenance/, and
+// a folder for the pictures of each render, the files byte for byte as the server stores them, then depth.txt,
+// camera.json, report.json and videos. Where it stopped is kept
 // in `directory` until the result is complete, so that calling this again goes on there. With `replace`, an earlier
 // result is removed first, so that no frame of it survives among the new ones. Errors: those of CheckFolder;
 // FailedPrecondition when `directory` holds an unfinished fetch of another job; Aborted as StreamFrames.

@@ -8,31 +8,49 @@
 #include <filesystem>
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 namespace depthtween::client {
-namespace {
 
-absl::Status WriteAll(int descriptor, std::string_view bytes, const std::string& path) {
+absl::StatusOr<GrowingFile> GrowingFile::Open(const std::string& path) {
+  GrowingFile file(path, -1);
+  file.descriptor_ = open(file.Unfinished().c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (file.descriptor_ < 0) return ErrnoStatus(errno, "writing " + path);
+  return file;
+}
+
+GrowingFile::~GrowingFile() {
+  if (descriptor_ < 0) return;
+  close(descriptor_);
+  unlink(Unfinished().c_str());
+}
+
+GrowingFile::GrowingFile(GrowingFile&& other) noexcept
+    : path_(std::move(other.path_)), descriptor_(std::exchange(other.descriptor_, -1)) {}
+
+absl::Status GrowingFile::Append(std::string_view bytes) {
   while (!bytes.empty()) {
-    const ssize_t written = write(descriptor, bytes.data(), bytes.size());
+    const ssize_t written = write(descriptor_, bytes.data(), bytes.size());
     if (written < 0 && errno == EINTR) continue;
-    if (written < 0) return ErrnoStatus(errno, "writing " + path);
+    if (written < 0) return ErrnoStatus(errno, "writing " + path_);
     bytes.remove_prefix(static_cast<size_t>(written));
   }
   return absl::OkStatus();
 }
 
-}  // namespace
+absl::Status GrowingFile::Finish() {
+  absl::Status status;
+  if (close(std::exchange(descriptor_, -1)) != 0) status = ErrnoStatus(errno, "writing " + path_);
+  if (status.ok() && std::rename(Unfinished().c_str(), path_.c_str()) != 0)
+    status = ErrnoStatus(errno, "writing " + path_);
+  if (!status.ok()) unlink(Unfinished().c_str());
+  return status;
+}
 
 absl::Status WriteFile(const std::string& path, std::string_view bytes) {
-  const std::string temporary = path + ".part";
-  const int descriptor = open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (descriptor < 0) return ErrnoStatus(errno, "writing " + path);
-  absl::Status status = WriteAll(descriptor, bytes, path);
-  if (close(descriptor) != 0 && status.ok()) status = ErrnoStatus(errno, "writing " + path);
-  if (status.ok() && std::rename(temporary.c_str(), path.c_str()) != 0) status = ErrnoStatus(errno, "writing " + path);
-  if (!status.ok()) unlink(temporary.c_str());
-  return status;
+  ASSIGN_OR_RETURN(GrowingFile file, GrowingFile::Open(path));
+  RETURN_IF_ERROR(file.Append(bytes));
+  return file.Finish();
 }
 
 absl::StatusOr<std::string> ReadFile(const std::string& path) {

@@ -13,6 +13,26 @@ namespace depthtween::client {
 // of this machine loses can be fetched again.
 absl::Status WriteFile(const std::string& path, std::string_view bytes);
 
+// A file that is written piece by piece.  Open Append* Finish  - it bears its name once Finish succeeds; destroyed
+// before that it leaves nothing behind.
+class GrowingFile {
+ public:
+  static absl::StatusOr<GrowingFile> Open(const std::string& path);
+  ~GrowingFile();
+  GrowingFile(GrowingFile&& other) noexcept;
+  GrowingFile& operator=(GrowingFile&&) = delete;
+
+  absl::Status Append(std::string_view bytes);
+  absl::Status Finish();
+
+ private:
+  GrowingFile(std::string path, int descriptor) : path_(std::move(path)), descriptor_(descriptor) {}
+  std::string Unfinished() const { return path_ + ".part"; }
+
+  std::string path_;
+  int descriptor_;  // -1 once finished, or moved from
+};
+
 absl::StatusOr<std::string> ReadFile(const std::string& path);
 
 // Makes a folder and its parents; one that is there is fine.

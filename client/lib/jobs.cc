@@ -59,6 +59,9 @@ absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job) {
   Sha256 id;
   id.Add(absl::StrCat(job.sequence(), "\n", job.display_name(), "\n", job.options().method(), "\n",
                       job.options().key_every(), "\n", job.options().threads()));
+  // Jobs without renders keep the id they had before there were any.
+  for (const v1::RenderOptions& render : job.renders()) id.Add("\n" + render.SerializeAsString());
+  if (!job.depth_from().empty()) id.Add("\n" + job.depth_from());
   create.set_request_id(Hex(id.Finish()));
   ASSIGN_OR_RETURN(v1::Job made, connection.Call(connection.jobs(), &Jobs::CreateJob, create));
   if (made.state() != v1::Job::STATE_FAILED && made.state() != v1::Job::STATE_CANCELLED) return made;

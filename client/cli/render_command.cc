@@ -1,0 +1,174 @@
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cli/commands.h"
+#include "client/cli/common.h"
+#include "client/cli/exit_codes.h"
+#include "client/cli/job_progress.h"
+#include "client/cli/progress_line.h"
+#include "client/cli/render_flags.h"
+#include "client/lib/fetch.h"
+#include "client/lib/files.h"
+#include "client/lib/jobs.h"
+
+namespace depthtween::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kFooter[] =
+    "A finished JOB is rendered by a new job on the server that takes its depth over and computes none; the same\n"
+    "command again finds that job. With --frame one picture is rendered at once, from a job that may still run.\n"
+    "OUT is a video (.mp4: H.264, .mkv: FFV1, lossless) or a folder for images; with --frame an image (.png, .jpg).\n"
+    "Videos of two eyes get the ending that players know them by, such as _LRF_Full_SBS.\n"
+    "\n"
+    "Example:  depthtween render jobs/ID --dof --fstop 1.4 --focus-track 0,320,240 -o blurred.mp4\n"
+    "Example:  depthtween render jobs/ID --dof --focus-depth 2 --frame 17 -o try.jpg\n";
+
+struct RenderCommand {
+  CommonOptions common;
+  RenderFlags flags;
+  std::string job, output;
+  int frame = -1;
+  bool force = false;
+};
+
+bool IsVideo(const std::string& output) {
+  return absl::EndsWithIgnoreCase(output, ".mp4") || absl::EndsWithIgnoreCase(output, ".mkv");
+}
+
+v1::RenderOptions::Container ContainerOf(const std::string& output) {
+  if (absl::EndsWithIgnoreCase(output, ".mp4")) return v1::RenderOptions::CONTAINER_MP4;
+  if (absl::EndsWithIgnoreCase(output, ".mkv")) return v1::RenderOptions::CONTAINER_MKV;
+  return v1::RenderOptions::CONTAINER_UNSPECIFIED;
+}
+
+absl::Status CheckFree(const std::string& path, bool force) {
+  std::error_code error;
+  if (force || !fs::exists(path, error) || (fs::is_directory(path, error) && fs::is_empty(path, error))) {
+    return absl::OkStatus();
+  }
+  return absl::AlreadyExistsError(absl::StrCat(path, " is there already: name another, or use --force to replace it"));
+}
+
+absl::Status RenderOneFrame(client::Connection& connection, const RenderCommand& command, const std::string& job,
+                            const v1::RenderOptions& render) {
+  v1::RenderFrameRequest request;
+  request.set_job(job);
+  request.set_frame(command.frame);
+  *request.mutable_render() = render;
+  const bool jpeg =
+      absl::EndsWithIgnoreCase(command.output, ".jpg") || absl::EndsWithIgnoreCase(command.output, ".jpeg");
+  if (!jpeg && !absl::EndsWithIgnoreCase(command.output, ".png")) {
+    return absl::InvalidArgumentError(absl::StrCat("-o ", command.output, ": must end in .png or .jpg with --frame"));
+  }
+  request.set_encoding(jpeg ? v1::ENCODING_JPEG : v1::ENCODING_PNG);
+  RETURN_IF_ERROR(CheckFree(command.output, command.force));
+  ASSIGN_OR_RETURN(const client::Frame frame, client::RenderFrame(connection, request));
+  return client::WriteFile(command.output, frame.bytes);
+}
+
+// The video named `file` by the server, beside OUT: "out.mp4" gets what the server put between name and extension.
+std::string VideoPath(const std::string& output, const std::string& render, const std::string& file) {
+  const std::string ending = file.substr(std::min(file.size(), render.size()));
+  if (absl::EndsWith(output, ending)) return output;
+  return absl::StrCat(output.substr(0, output.size() - std::string(".mp4").size()), ending);
+}
+
+// Brings home what the render of a job left. The files written.
+absl::StatusOr<std::vector<std::string>> FetchRender(client::Connection& connection, const RenderCommand& command,
+                                                     const v1::Job& job) {
+  ASSIGN_OR_RETURN(const v1::ListOutputsResponse outputs, client::ListOutputs(connection, job.name()));
+  const std::string& name = job.renders(0).name();
+  const std::string prefix = absl::StrCat(job.name(), "/outputs/", name);
+  std::vector<std::string> written;
+  for (const v1::Output& output : outputs.outputs()) {
+    if (!absl::StartsWith(output.name(), prefix)) continue;
+    if (IsVideo(command.output)) {
+      if (output.kind() != v1::Output::KIND_FILE) continue;
+      written.push_back(VideoPath(command.output, name, output.file_name()));
+      RETURN_IF_ERROR(CheckFree(written.back(), command.force));
+      RETURN_IF_ERROR(client::FetchFile(connection, output.name(), written.back()).status());
+      continue;
+    }
+    if (output.kind() != v1::Output::KIND_FRAMES) continue;
+    // One stream lies in OUT itself, those of two eyes in OUT/left and OUT/right.
+    const std::string eye = output.name().substr(prefix.size());
+    const std::string folder = eye.empty() ? command.output : absl::StrCat(command.output, "/", eye.substr(1));
+    RETURN_IF_ERROR(CheckFree(folder, command.force));
+    RETURN_IF_ERROR(client::MakeFolder(folder));
+    written.push_back(folder);
+    ProgressLine line("fetch");
+    v1::StreamFramesRequest request;
+    request.set_name(output.name());
+    RETURN_IF_ERROR(client::StreamFrames(connection, request, [&](const client::Frame& frame) -> absl::Status {
+      ASSIGN_OR_RETURN(const std::string file, client::FrameFileName(frame.header));
+      line.Show(static_cast<double>(frame.index + 1) / std::max(1, output.frame_count()),
+                absl::StrCat(frame.index + 1, " of ", output.frame_count(), " images"));
+      return client::WriteFile(absl::StrCat(folder, "/", file), frame.bytes);
+    }));
+  }
+  return written;
+}
+
+int Render(const RenderCommand& command) {
+  const absl::StatusOr<std::string> name = JobName(command.job);
+  if (!name.ok()) return Report(name.status());
+  const auto renders = RendersOf(
+      command.flags, command.frame >= 0 ? v1::RenderOptions::CONTAINER_UNSPECIFIED : ContainerOf(command.output));
+  if (!renders.ok()) return Report(renders.status());
+  if (renders->size() != 1) return Report(absl::InvalidArgumentError("say what to render: --dof or --stereo"));
+  const auto connection = Connect(command.common);
+  if (!connection.ok()) return Report(connection.status());
+  if (command.frame >= 0) return Report(RenderOneFrame(**connection, command, *name, renders->front()));
+
+  if (const absl::Status free = CheckFree(command.output, command.force); !free.ok()) return Report(free);
+  v1::GetJobRequest get;
+  get.set_name(*name);
+  absl::StatusOr<v1::Job> job = (*connection)->Call((*connection)->jobs(), &v1::JobService::StubInterface::GetJob, get);
+  if (!job.ok()) return Report(job.status());
+  v1::Job order;
+  order.set_display_name(job->display_name());
+  order.set_sequence(job->sequence());
+  *order.mutable_options() = job->options();
+  *order.add_renders() = renders->front();
+  order.set_depth_from(*name);
+  job = client::SubmitJob(**connection, order);
+  if (!job.ok()) return Report(job.status());
+  job = WatchWithProgressLine(**connection, job->name());
+  if (!job.ok()) return Report(job.status());
+  if (const int outcome = ReportOutcome(*job); outcome != kExitOk) return outcome;
+  const absl::StatusOr<std::vector<std::string>> written = FetchRender(**connection, command, *job);
+  if (!written.ok()) return Report(written.status());
+  if (command.common.json) {
+    PrintJson({{"job", ToJson(*job)}, {"files", *written}});
+  } else {
+    for (const std::string& file : *written) std::cout << file << std::endl;
+  }
+  return kExitOk;
+}
+
+}  // namespace
+
+void AddRenderCommand(CLI::App& app, int* exit_code) {
+  const auto command = std::make_shared<RenderCommand>();
+  CLI::App* const subcommand =
+      app.add_subcommand("render", "Make pictures of a job's depth: depth of field, or a second eye");
+  subcommand->footer(kFooter);
+  subcommand->add_option("job", command->job, "jobs/ID, as submit and list print it")->type_name("JOB")->required();
+  subcommand->add_option("-o,--out", command->output, "Video, folder or image to write")->required()->type_name("OUT");
+  subcommand->add_option("--frame", command->frame, "Render only this frame, now")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("N");
+  subcommand->add_flag("--force", command->force, "Replace what is at OUT");
+  AddRenderFlags(*subcommand, command->flags);
+  AddCommonOptions(*subcommand, command->common);
+  subcommand->callback([command, exit_code] { *exit_code = Render(*command); });
+}
+
+}  // namespace depthtween::cli
