@@ -177,8 +177,12 @@ Search FollowBackground(const RenderView& view, const HiddenBackgroundOptions& o
 // pull-push says: lines that run into the edge go on behind it for a while before they blur.
 LayerSample ContinueLines(int x, int y, ImageView<const Rgb8> color, const Search& search, float layer_gap,
                           LayerSample sample) {
-  constexpr float kFadePx = 5.0F;
   constexpr int kReachPx = 16;
+  static const std::array<float, kReachPx + 1> fade = [] {
+    std::array<float, kReachPx + 1> weights;
+    for (int d = 0; d <= kReachPx; ++d) weights[d] = 2 * std::exp(-0.2F * static_cast<float>(d));
+    return weights;
+  }();
   const float behind = search.behind_inverse_depth(x, y);
   const float farthest = behind * (1 - 2 * layer_gap), nearest = behind / (1 - layer_gap);
   for (int k = 0; k < 4; ++k)
@@ -186,10 +190,10 @@ LayerSample ContinueLines(int x, int y, ImageView<const Rgb8> color, const Searc
       const int nx = x + d * kAround[k][0], ny = y + d * kAround[k][1];
       if (!color.Contains(nx, ny)) break;
       const float there = search.inverse_depth(nx, ny);
-      if (search.guard(nx, ny) != 0 || there <= 0 || there > nearest) continue;
+      if (there > nearest || there <= 0 || search.guard(nx, ny) != 0) continue;
       if (there >= farthest) {
         const Rgb8 c = color(nx, ny);
-        const float weight = 2 * std::exp(-static_cast<float>(d) / kFadePx), share = weight / (sample.weight + weight);
+        const float weight = fade[d], share = weight / (sample.weight + weight);
         sample.value[0] += share * (static_cast<float>(c.r) - sample.value[0]);
         sample.value[1] += share * (static_cast<float>(c.g) - sample.value[1]);
         sample.value[2] += share * (static_cast<float>(c.b) - sample.value[2]);

@@ -29,7 +29,8 @@ struct DepthDistribution {
   double near_m = 0.0, far_m = 0.0, median_m = 0.0;
 };
 
-enum class MadeEye { kLeft, kRight, kBoth };  // the other is the recorded colour, bit for bit; kBoth: each half way
+// The other eye is the recorded colour, bit for bit but for the floating window. kBoth: each half way.
+enum class MadeEye { kLeft, kRight, kBoth };
 
 struct StereoOptions {
   MadeEye made = MadeEye::kLeft;
