@@ -13,10 +13,11 @@
 namespace depthtween {
 namespace {
 
-constexpr float kSharpPx = 0.5F;   // up to this radius all light stays in its pixel
-constexpr float kApartPx = 1.0F;   // what differs by more in blur is told apart by eye
-constexpr float kAlike = 0.02F;    // colours nearer to each other than this cannot be taken apart
-constexpr float kNothing = 1e-5F;  // below it a weight is rounding
+constexpr float kSharpPx = 0.5F;    // up to this radius all light stays in its pixel
+constexpr float kApartPx = 1.0F;    // what differs by more in blur is told apart by eye
+constexpr float kOpeningPx = 1.5F;  // beyond its own circle a silhouette opens the view to what it hides
+constexpr float kAlike = 0.02F;     // colours nearer to each other than this cannot be taken apart
+constexpr float kNothing = 1e-5F;   // below it a weight is rounding
 
 // What was inferred counts less than what is seen of the same layer around it, and the less the farther that spreads:
 // up to 1.5 dB closer to a real lens at edges than full trust, and nearly as good within a factor of 3 either way.
@@ -35,15 +36,13 @@ class Layering {
     focus_ = static_cast<int>(std::ceil(before / width_px_));
     count_ = focus_ + 1 + static_cast<int>(std::ceil(behind / width_px_));
   }
-  // Two each: what is seen of a layer, and behind it what is hidden, which only fills up where too little is seen.
+  // Two each: what is seen of it, 2 k, and behind that what is hidden, 2 k + 1, which fills up where too little is
+  // seen.
   int count() const { return 2 * count_; }
-  int Of(float radius_px, bool hidden) const {
-    int layer = focus_;
-    if (std::abs(radius_px) > kSharpPx) {
-      const int away = static_cast<int>((std::abs(radius_px) - kSharpPx) / width_px_) + 1;
-      layer = std::clamp(radius_px < 0 ? focus_ - away : focus_ + away, 0, count_ - 1);
-    }
-    return 2 * layer + (hidden ? 1 : 0);
+  int Of(float radius_px) const {
+    if (std::abs(radius_px) <= kSharpPx) return 2 * focus_;
+    const int away = static_cast<int>((std::abs(radius_px) - kSharpPx) / width_px_) + 1;
+    return 2 * std::clamp(radius_px < 0 ? focus_ - away : focus_ + away, 0, count_ - 1);
   }
 
  private:
@@ -96,7 +95,7 @@ class LayeredBlur {
         // What lies hidden may be farther than all that is seen, but not farther than infinity.
         farthest_px_(circle.RadiusPx(0)),
         layers_(nearest_px_, farthest_px_, options.layers),
-        aperture_(options.blades, std::max(std::abs(nearest_px_), std::abs(farthest_px_))),
+        aperture_(options.blades, std::max(std::abs(nearest_px_), std::abs(farthest_px_)) + kOpeningPx),
         rows_(height_) {
     ParallelFor(height_, threads, [&](int y) { rows_[y] = Collect(y); });
     for (const SourceRow& row : rows_) reach_ = std::max(reach_, row.reach);
@@ -106,7 +105,7 @@ class LayeredBlur {
     Image<Light> out(width_, height_);
     ParallelRows(height_, threads, [&](int first, int last) {
       // A row of each layer, as differences from the pixel to the left: a row of a circle is its rims, however wide.
-      std::vector<Light> steps(static_cast<size_t>(Stride()) * layers_.count(), Light{});
+      std::vector<Light> steps(static_cast<size_t>(Stride()) * (Openings() + 1), Light{});
       for (int y = first; y < last; ++y) {
         for (int down = -reach_; down <= reach_; ++down) {
           const SourceRow& from = rows_[Mirrored(y - down, height_)];
@@ -125,24 +124,25 @@ class LayeredBlur {
       for (int x = 0; x < depth_m.width(); ++x) radius_px(x, y) = circle.RadiusPx(depth_m(x, y));
     return radius_px;
   }
-  int Margin() const { return 2 * reach_ + 2; }  // the outermost source, and from there its circle
+  int Margin() const { return 2 * reach_ + 2; }     // the outermost source, and from there its circle
+  int Openings() const { return layers_.count(); }  // the layer of weight alone that tells where silhouettes are near
   int Stride() const { return width_ + 2 * Margin(); }
 
   SourceRow Collect(int y) const {
     SourceRow row;
     row.sources.reserve(width_);
-    const auto add = [&](int x, Light light, float radius_px, bool hidden) {
+    const auto add = [&](int x, Light light, float radius_px, int layer) {
       const Aperture::Shape& shape = aperture_.Scaled(radius_px);
       if (x < -shape.reach || x >= width_ + shape.reach) return;
-      row.sources.push_back({.light = light / shape.area,
+      row.sources.push_back({.light = light * (layer == Openings() ? 1 : 1 / shape.area),
                              .x = x,
                              .row = shape.first_row,
                              .reach = static_cast<int16_t>(shape.reach),
-                             .layer = static_cast<int16_t>(layers_.Of(radius_px, hidden))});
+                             .layer = static_cast<int16_t>(layer)});
       row.reach = std::max(row.reach, shape.reach);
     };
     const LinearLight& tables = LinearLight::Tables();
-    const int outside = static_cast<int>(circle_.limit_px) + 1;
+    const int outside = static_cast<int>(circle_.limit_px) + 2;
     for (int x = -outside; x < width_ + outside; ++x) {
       const int from = Mirrored(x, width_);
       const float radius_px = radius_px_(from, y);
@@ -150,28 +150,38 @@ class LayeredBlur {
       if (!hidden_.depth_m.empty() && hidden_.depth_m(from, y) > 0) {
         const float hidden_px = circle_.RadiusPx(hidden_.depth_m(from, y));
         const Light hidden = tables.Decode(hidden_.color(from, y));
-        const auto [nearer, nearer_px] = NearestBeside(from, y);
+        const Beside beside = LookBeside(from, y);
         if (hidden_px - radius_px > kApartPx) {
           const bool known = hidden_.source(from, y) == kHiddenSeen;
-          add(x, hidden * (known ? 1.0F : TrustInInferred(hidden_px)), hidden_px, true);
-        } else if (radius_px - nearer_px > kApartPx) {
-          const Mixture mixture = TakeApart(seen, tables.Decode(nearer), hidden);
-          if (mixture.foreground[3] > 0) add(x, mixture.foreground, nearer_px, false);
+          add(x, hidden * (known ? 1.0F : TrustInInferred(hidden_px)), hidden_px, layers_.Of(hidden_px) + 1);
+          const bool at_silhouette = 2 * beside.farthest_px > radius_px + hidden_px;  // of what hides it, not within
+          if (at_silhouette)
+            add(x, Light{0, 0, 0, 1}, std::copysign(std::abs(radius_px) + kOpeningPx, radius_px), Openings());
+        } else if (radius_px - beside.nearest_px > kApartPx) {
+          const Mixture mixture = TakeApart(seen, tables.Decode(beside.nearest), hidden);
+          if (mixture.foreground[3] > 0) add(x, mixture.foreground, beside.nearest_px, layers_.Of(beside.nearest_px));
           seen = mixture.background;
         }
       }
-      add(x, seen, radius_px, false);
+      add(x, seen, radius_px, layers_.Of(radius_px));
     }
     return row;
   }
 
-  // The colour and the radius of the nearest surface at or beside a pixel.
-  std::pair<Rgb8, float> NearestBeside(int x, int y) const {
-    std::pair nearest{view_.color(x, y), radius_px_(x, y)};
+  // The surfaces at and around a pixel.
+  struct Beside {
+    Rgb8 nearest;
+    float nearest_px, farthest_px;
+  };
+  Beside LookBeside(int x, int y) const {
+    Beside beside{view_.color(x, y), radius_px_(x, y), radius_px_(x, y)};
     for (int v = std::max(0, y - 1); v <= std::min(height_ - 1, y + 1); ++v)
-      for (int u = std::max(0, x - 1); u <= std::min(width_ - 1, x + 1); ++u)
-        if (radius_px_(u, v) < nearest.second) nearest = {view_.color(u, v), radius_px_(u, v)};
-    return nearest;
+      for (int u = std::max(0, x - 1); u <= std::min(width_ - 1, x + 1); ++u) {
+        const float radius_px = radius_px_(u, v);
+        if (radius_px < beside.nearest_px) beside.nearest = view_.color(u, v), beside.nearest_px = radius_px;
+        beside.farthest_px = std::max(beside.farthest_px, radius_px);
+      }
+    return beside;
   }
 
   // What the sources of a row give to the row `down` rows below.
@@ -185,30 +195,44 @@ class LayeredBlur {
 
   // Sums up a row's steps, fills each pixel's lens from near to far, and leaves the steps zero.
   void Compose(std::vector<Light>& steps, Light* out) const {
-    const int layers = layers_.count();
-    std::vector<Light> sums(layers, Light{});
+    std::vector<Light> sums(Openings() + 1, Light{});
     for (int x = -Margin(); x < width_ + Margin(); ++x) {
       Light* step = steps.data() + Margin() + x;
-      for (int k = 0; k < layers; ++k, step += Stride()) {
-        sums[k] += *step;
+      for (Light& sum : sums) {
+        sum += *step;
         *step = Light{};
+        step += Stride();
       }
       if (x < 0 || x >= width_) continue;
-      // From the first layer on of which something is hidden, all that is left of the lens sees these layers.
-      int first_hidden = 1;
-      while (first_hidden < layers && sums[first_hidden][3] <= kNothing) first_hidden += 2;
-      const Light before = Fill(sums, 0, std::min(first_hidden - 1, layers), 1.0F);
-      const Light behind = Fill(sums, std::min(first_hidden - 1, layers), layers, 1 - before[3]);
-      Light filled = before;
-      if (behind[3] > kNothing) filled += behind * ((1 - before[3]) / behind[3]);
-      out[x] = filled / filled[3];
+      const float open = std::min(1.0F, sums[Openings()][3]);
+      out[x] = Light{};
+      if (open < 1 - kNothing) out[x] += (1 - open) * Closed(sums);
+      if (open > kNothing) out[x] += open * Open(sums);
+      out[x] /= out[x][3];
     }
   }
 
-  // What the layers [first, last) show of themselves in the share `room` of the lens, from near to far.
-  static Light Fill(const std::vector<Light>& layers, int first, int last, float room) {
+  // Away from silhouettes what is seen is all there is: small steps of depth may leave gaps, but nothing shows in them.
+  Light Closed(const std::vector<Light>& sums) const {
+    const Light filled = Fill(sums, 0, Openings(), 2, 1.0F);
+    return filled / filled[3];
+  }
+
+  // Where a lens sees past a silhouette, what is hidden fills up. From its layer on, all that is left of the lens sees
+  // what is there.
+  Light Open(const std::vector<Light>& sums) const {
+    int hidden = 1;
+    while (hidden < Openings() && sums[hidden][3] <= kNothing) hidden += 2;
+    const Light before = Fill(sums, 0, hidden - 1, 1, 1.0F);
+    const Light behind = Fill(sums, hidden - 1, Openings(), 1, 1 - before[3]);
+    const Light filled = behind[3] > kNothing ? before + behind * ((1 - before[3]) / behind[3]) : before;
+    return filled / filled[3];
+  }
+
+  // What every `stride`-th of the layers [first, last) shows of itself in the share `room` of the lens, near to far.
+  static Light Fill(const std::vector<Light>& layers, int first, int last, int stride, float room) {
     Light filled = {};
-    for (int k = first; k < last && filled[3] < room - kNothing; ++k) {
+    for (int k = first; k < last && filled[3] < room - kNothing; k += stride) {
       const float weight = layers[k][3];
       if (weight > kNothing) filled += layers[k] * (std::min(weight, room - filled[3]) / weight);
     }

@@ -212,12 +212,13 @@ TEST(RenderDepthOfField, BearsExtremes) {
     const Image<Rgb8> color(width, height, {90, 90, 90});
     Image<float> depth = RandomBlocks(width, height, 0.2F, 9.0F, 4);
     depth(0, 0) = 0;
-    for (const DepthOfFieldMethod method : kMethods)
-      for (const int blades : {0, 3}) {
-        const Image<Rgb8> out = RenderDepthOfField({color, depth}, {}, {.scale_px = 500, .focus_m = 1},
-                                                   {.method = method, .blades = blades, .max_radius_px = 128}, 2);
-        for (size_t i = 0; i < out.pixel_count(); ++i) ASSERT_NEAR(out.data()[i].g, 90, 1);
-      }
+    for (const DepthOfFieldMethod method : kMethods) {
+      // The largest radius once: tables of its shapes take longer than such small images.
+      const double max_radius_px = method == DepthOfFieldMethod::kLayers && width == 1 ? 128 : 24;
+      const Image<Rgb8> out = RenderDepthOfField({color, depth}, {}, {.scale_px = 500, .focus_m = 1},
+                                                 {.method = method, .blades = 3, .max_radius_px = max_radius_px}, 2);
+      for (size_t i = 0; i < out.pixel_count(); ++i) ASSERT_NEAR(out.data()[i].g, 90, 1);
+    }
   }
 }
 
