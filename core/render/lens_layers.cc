@@ -1,6 +1,7 @@
 #include "core/render/lens_layers.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -50,13 +51,6 @@ class Layering {
   int focus_, count_;
 };
 
-// Light that starts from a pixel.
-struct Source {
-  Light light;     // what a pixel inside its circle gets
-  int32_t x, row;  // row of the aperture
-  int16_t reach, layer;
-};
-
 // A pixel at a silhouette, of which the nearer surface covers a part. Left whole, it would stay behind as a sharp line
 // when the foreground is spread, or carry foreground into the background when that is.
 struct Mixture {
@@ -76,10 +70,38 @@ Mixture TakeApart(Light mixed, Light foreground, Light background) {
   return {share * foreground, left > 0 ? left : Light{}};
 }
 
-struct SourceRow {
-  std::vector<Source> sources;
-  int reach = 0;  // the largest of them
+// Pixels side by side whose light spreads alike: over the same shape, in the same layer.
+struct Run {
+  int32_t x, count;
+  int32_t first_light;
+  int32_t row;  // of the aperture
+  int16_t reach, layer;
 };
+
+// Light that starts from a row of pixels.
+struct SourceRow {
+  std::vector<Light> lights;  // what each pixel inside a circle gets
+  std::vector<Run> runs;
+  int reach = 0;  // the largest of them
+
+  void Add(int x, Light light, const Aperture::Shape& shape, int layer) {
+    if (runs.empty() || runs.back().x + runs.back().count != x || runs.back().row != shape.first_row ||
+        runs.back().layer != layer)
+      runs.push_back({.x = x,
+                      .count = 0,
+                      .first_light = static_cast<int32_t>(lights.size()),
+                      .row = shape.first_row,
+                      .reach = static_cast<int16_t>(shape.reach),
+                      .layer = static_cast<int16_t>(layer)});
+    ++runs.back().count;
+    lights.push_back(light);
+    reach = std::max(reach, shape.reach);
+  }
+};
+
+// Apart, so that runs are long.
+enum Kind { kSeen, kHidden, kMixedIn, kOpening, kKinds };
+using SourceRows = std::array<SourceRow, kKinds>;
 
 class LayeredBlur {
  public:
@@ -98,7 +120,8 @@ class LayeredBlur {
         aperture_(options.blades, std::max(std::abs(nearest_px_), std::abs(farthest_px_)) + kOpeningPx),
         rows_(height_) {
     ParallelFor(height_, threads, [&](int y) { rows_[y] = Collect(y); });
-    for (const SourceRow& row : rows_) reach_ = std::max(reach_, row.reach);
+    for (const SourceRows& rows : rows_)
+      for (const SourceRow& row : rows) reach_ = std::max(reach_, row.reach);
   }
 
   Image<Light> Render(int threads) const {
@@ -108,8 +131,8 @@ class LayeredBlur {
       std::vector<Light> steps(static_cast<size_t>(Stride()) * (Openings() + 1), Light{});
       for (int y = first; y < last; ++y) {
         for (int down = -reach_; down <= reach_; ++down) {
-          const SourceRow& from = rows_[Mirrored(y - down, height_)];
-          if (std::abs(down) <= from.reach) Spread(from.sources, down, steps);
+          for (const SourceRow& from : rows_[Mirrored(y - down, height_)])
+            if (std::abs(down) <= from.reach) Spread(from, down, steps);
         }
         Compose(steps, out.row(y));
       }
@@ -128,18 +151,13 @@ class LayeredBlur {
   int Openings() const { return layers_.count(); }  // the layer of weight alone that tells where silhouettes are near
   int Stride() const { return width_ + 2 * Margin(); }
 
-  SourceRow Collect(int y) const {
-    SourceRow row;
-    row.sources.reserve(width_);
-    const auto add = [&](int x, Light light, float radius_px, int layer) {
+  SourceRows Collect(int y) const {
+    SourceRows rows;
+    rows[kSeen].lights.reserve(width_);
+    const auto add = [&](Kind kind, int x, Light light, float radius_px, int layer) {
       const Aperture::Shape& shape = aperture_.Scaled(radius_px);
       if (x < -shape.reach || x >= width_ + shape.reach) return;
-      row.sources.push_back({.light = light * (layer == Openings() ? 1 : 1 / shape.area),
-                             .x = x,
-                             .row = shape.first_row,
-                             .reach = static_cast<int16_t>(shape.reach),
-                             .layer = static_cast<int16_t>(layer)});
-      row.reach = std::max(row.reach, shape.reach);
+      rows[kind].Add(x, kind == kOpening ? light : light / shape.area, shape, layer);
     };
     const LinearLight& tables = LinearLight::Tables();
     const int outside = static_cast<int>(circle_.limit_px) + 2;
@@ -153,19 +171,20 @@ class LayeredBlur {
         const Beside beside = LookBeside(from, y);
         if (hidden_px - radius_px > kApartPx) {
           const bool known = hidden_.source(from, y) == kHiddenSeen;
-          add(x, hidden * (known ? 1.0F : TrustInInferred(hidden_px)), hidden_px, layers_.Of(hidden_px) + 1);
+          add(kHidden, x, hidden * (known ? 1.0F : TrustInInferred(hidden_px)), hidden_px, layers_.Of(hidden_px) + 1);
           const bool at_silhouette = 2 * beside.farthest_px > radius_px + hidden_px;  // of what hides it, not within
           if (at_silhouette)
-            add(x, Light{0, 0, 0, 1}, std::copysign(std::abs(radius_px) + kOpeningPx, radius_px), Openings());
+            add(kOpening, x, Light{0, 0, 0, 1}, std::copysign(std::abs(radius_px) + kOpeningPx, radius_px), Openings());
         } else if (radius_px - beside.nearest_px > kApartPx) {
           const Mixture mixture = TakeApart(seen, tables.Decode(beside.nearest), hidden);
-          if (mixture.foreground[3] > 0) add(x, mixture.foreground, beside.nearest_px, layers_.Of(beside.nearest_px));
+          if (mixture.foreground[3] > 0)
+            add(kMixedIn, x, mixture.foreground, beside.nearest_px, layers_.Of(beside.nearest_px));
           seen = mixture.background;
         }
       }
-      add(x, seen, radius_px, layers_.Of(radius_px));
+      add(kSeen, x, seen, radius_px, layers_.Of(radius_px));
     }
-    return row;
+    return rows;
   }
 
   // The surfaces at and around a pixel.
@@ -184,12 +203,14 @@ class LayeredBlur {
     return beside;
   }
 
-  // What the sources of a row give to the row `down` rows below.
-  void Spread(const std::vector<Source>& sources, int down, std::vector<Light>& steps) const {
-    for (const Source& source : sources) {
-      if (std::abs(down) > source.reach) continue;
-      Light* const at = steps.data() + source.layer * Stride() + Margin() + source.x;
-      for (const auto& [px, change] : aperture_.RowAt(source.row + down)) at[px] += source.light * change;
+  // What a row of sources gives to the row `down` rows below.
+  void Spread(const SourceRow& from, int down, std::vector<Light>& steps) const {
+    for (const Run& run : from.runs) {
+      if (std::abs(down) > run.reach) continue;
+      const Light* const lights = from.lights.data() + run.first_light;
+      Light* const at = steps.data() + run.layer * Stride() + Margin() + run.x;
+      for (const auto& [px, change] : aperture_.RowAt(run.row + down))
+        for (int i = 0; i < run.count; ++i) at[px + i] += lights[i] * change;
     }
   }
 
@@ -247,7 +268,7 @@ class LayeredBlur {
   const float nearest_px_, farthest_px_;
   const Layering layers_;
   const Aperture aperture_;
-  std::vector<SourceRow> rows_;
+  std::vector<SourceRows> rows_;
   int reach_ = 0;
 };
 
