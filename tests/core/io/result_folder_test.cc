@@ -1,6 +1,7 @@
 #include "core/io/result_folder.h"
 
 #include "core/io/file.h"
+#include "core/io/npz.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
 #include "tests/core/io/io_fixtures.h"
@@ -139,6 +140,33 @@ TEST(ResultFolder, NamesDamagedFiles) {
   EXPECT_THAT(ResultFolder::Open(temp.path()), HasStatus(StatusCode::kDataLoss, HasSubstr("report.json")));
   std::filesystem::remove(temp / "depth/second.png");
   EXPECT_THAT(ResultFolder::Open(temp.path()), HasStatus(StatusCode::kNotFound, HasSubstr("depth/second.png")));
+}
+
+// Motion is kept to a 32nd of a pixel, and frames without it are none the worse.
+TEST(ResultFolder, KeepsMotionWhereThereIsSome) {
+  const TempFolder temp;
+  const auto writer = ResultWriter::Create(temp / "out", TwoFrames(), /*with_motion=*/true);
+  ASSERT_THAT(writer, IsOk());
+  DepthResult result = SomeResult(0);
+  result.motion_next = Image<Flow2>(8, 6);
+  result.motion_back = Image<Flow2>(8, 6, Flow2{-1.5F, 40.25F});
+  for (int x = 0; x < 8; ++x) result.motion_next(x, 3) = {0.3F * static_cast<float>(x), -17.01F};
+  ASSERT_THAT(writer->Write(result), IsOk());
+  ASSERT_THAT(writer->Write(SomeResult(1)), IsOk());
+  const auto motion = ReadResultMotion(temp / "out", "first");
+  ASSERT_THAT(motion, IsOk());
+  EXPECT_EQ(motion->back(5, 5), (Flow2{-1.5F, 40.25F}));
+  for (int x = 0; x < 8; ++x) {
+    EXPECT_NEAR(motion->next(x, 3).u, 0.3F * static_cast<float>(x), 1.0 / 64);
+    EXPECT_NEAR(motion->next(x, 3).v, -17.01F, 1.0 / 64);
+  }
+  EXPECT_EQ(ReadResultMotion(temp / "out", "second").status().code(), StatusCode::kNotFound);
+
+  Npz other = {{"next", NpyArray::FromFloats({2, 2, 2}, std::vector<float>(8), ElementType::kFloat16)}};
+  ASSERT_THAT(WriteNpz(temp / "out/motion/second.npz", other), IsOk());
+  EXPECT_EQ(ReadResultMotion(temp / "out", "second").status().code(), StatusCode::kDataLoss);
+  result.motion_back = Image<Flow2>(7, 6);
+  EXPECT_EQ(writer->Write(result).code(), StatusCode::kInvalidArgument);
 }
 
 }  // namespace
