@@ -49,7 +49,7 @@ float ForegroundShare(Rgb8 mixed, Rgb8 foreground, Rgb8 background) {
   if (length2 < kTellApart2) return 0;
   const float share = dot(line, place) / length2;
   if (dot(place, place) - share * share * length2 > 0.5F * length2) return 0;
-  // The ends are widened: neither colour is known better.
+  // The ends are widened a little: neither colour is known better.
   return std::clamp((share - 0.03F) / 0.9F, 0.0F, 1.0F);
 }
 

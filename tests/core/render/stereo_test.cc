@@ -225,6 +225,22 @@ TEST(Stereo, DoesNotDependOnThreads) {
     for (int x = 0; x < kWidth; ++x) EXPECT_EQ(one.left(x, y), three.left(x, y));
 }
 
+// Nothing to prove but that no pixel outside is touched.
+TEST(Stereo, ImagesOfFewPixels) {
+  for (int width = 1; width <= 5; ++width)
+    for (int height = 1; height <= 3; ++height) {
+      const Image<Rgb8> color(width, height, Rgb8{9, 9, 9});
+      Image<float> depth_m(width, height, 1.0F);
+      for (int x = 0; x < width; x += 2) depth_m(x, height / 2) = 4.0F;
+      const RenderView view{color, depth_m};
+      for (const double baseline_m : {0.01, 0.5}) {
+        const StereoGeometry geometry = Geometry(baseline_m, 2.0);
+        const HiddenBackground hidden = FindHiddenBackground(view, {}, geometry.background, 1);
+        EXPECT_EQ(RenderStereo(view, hidden, geometry, {.made = MadeEye::kBoth}, 1).left.width(), width);
+      }
+    }
+}
+
 // ---- The numbers of a clip
 
 TEST(ResolveStereo, TakesWhatIsGiven) {
