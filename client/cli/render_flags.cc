@@ -137,7 +137,7 @@ void AddRenderFlags(CLI::App& command, RenderFlags& flags) {
       command, "--dof-method", "METHOD_", kLens, [&dof](auto method) { dof.set_method(method); }, "How [layers]");
   AddNumber(
       command, "--layers", "N", kLens, [&dof](double value) { dof.set_layers(static_cast<int>(value)); },
-      "Layers of equal width in blur [12]");
+      "Layers of equal width in blur [20]");
   AddNumber(
       command, "--blades", "N", kLens, [&dof](double value) { dof.set_blades(static_cast<int>(value)); },
       "Of the aperture, 3 to 16; 0 is round [0]");

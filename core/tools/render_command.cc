@@ -295,7 +295,7 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
                     "layers [default]; kraus (Kraus and Strengert 2007), gather: to compare with")
       ->type_name("NAME")
       ->group(lens);
-  Bind<int>(command, dof, "--layers", "layers", "Layers of equal width in blur [12]")->type_name("N")->group(lens);
+  Bind<int>(command, dof, "--layers", "layers", "Layers of equal width in blur [20]")->type_name("N")->group(lens);
   Bind<int>(command, dof, "--blades", "blades", "Of the aperture, 3 to 16; 0 is round [0]")
       ->type_name("N")
       ->group(lens);
