@@ -1,6 +1,6 @@
 #include "server/jobs/errands.h"
 
-#include <algorithm>
+#include <atomic>
 #include <utility>
 
 #include "absl/cleanup/cleanup.h"
@@ -110,11 +110,9 @@ void Errands::Work(const std::stop_token& stop) {
 }
 
 absl::StatusOr<std::string> Errands::RunOne(const ErrandOrder& order, const std::stop_token& stop) {
-  std::string folder = directory_.TasksFolder() + "/errand-";
-  {
-    const std::lock_guard lock(mutex_);
-    absl::StrAppend(&folder, ++started_);
-  }
+  // A name of its own in this process; what a killed one left was discarded when this one started.
+  static std::atomic<int64_t> started{0};
+  const std::string folder = absl::StrCat(directory_.TasksFolder(), "/errand-", ++started);
   RETURN_IF_ERROR(MakeFolder(folder));
   const absl::Cleanup discard = [&] { directory_.Discard(folder).IgnoreError(); };
   RETURN_IF_ERROR(WriteScratchFile(folder + "/options.json", order.options));

@@ -77,7 +77,6 @@ class Errands {
   std::mutex mutex_;
   std::condition_variable_any changed_;
   std::deque<std::shared_ptr<Errand::State>> waiting_;  // guarded by mutex_
-  int64_t started_ = 0;                                 // guarded by mutex_
   std::vector<std::jthread> threads_;                   // last: they use all of the above
 };
 

@@ -32,6 +32,10 @@ namespace fs = std::filesystem;
 constexpr absl::Duration kStageGap = absl::Milliseconds(200);
 // How long a worker waits before it asks a store again that has just failed, for instance for want of room.
 constexpr std::chrono::seconds kStoreRetryGap{1};
+// Planning reads lists and no frame: milliseconds. Whoever orders waits for it on a thread that answers calls, of which
+// it must leave enough.
+constexpr absl::Duration kPlanTime = absl::Seconds(20);
+constexpr int kMaxPlansWaiting = 3;
 
 std::vector<std::string> FoldersIn(const std::string& path) {
   std::vector<std::string> names;
@@ -59,7 +63,14 @@ class Manager : public JobManager {
                              .time_limit = options.frame_render_time,
                              .grace = options.grace,
                              .child_memory_bytes = options.child_memory_bytes,
-                             .child_file_bytes = options.child_file_bytes}) {}
+                             .child_file_bytes = options.child_file_bytes}),
+        planning_(directory, {.core_program = options.core_program,
+                              .threads = 1,
+                              .max_waiting = kMaxPlansWaiting,
+                              .time_limit = kPlanTime,
+                              .grace = options.grace,
+                              .child_memory_bytes = options.child_memory_bytes,
+                              .child_file_bytes = options.child_file_bytes}) {}
 
   ~Manager() override {
     for (std::jthread& worker : workers_) worker.request_stop();
@@ -137,7 +148,8 @@ class Manager : public JobManager {
   int64_t wakes_ = 0;                                                   // guarded by changes_
   std::condition_variable_any work_;
 
-  Errands errands_;
+  Errands errands_;                    // frames on demand
+  Errands planning_;                   // of renders: apart, so that orders need not wait for pictures
   std::vector<std::jthread> workers_;  // last: they use all of the above
 };
 
