@@ -26,9 +26,7 @@ class LinearLight {
     return encoded_[static_cast<int>(std::clamp(linear, 0.0F, 1.0F) * kSteps + 0.5F)];
   }
 
-  Light Decode(Rgb8 pixel) const {
-    return Light{Decode(pixel.r), Decode(pixel.g), Decode(pixel.b), 1.0F};
-  }
+  Light Decode(Rgb8 pixel) const { return Light{Decode(pixel.r), Decode(pixel.g), Decode(pixel.b), 1.0F}; }
   // `light` of weight 1.
   Rgb8 Encode(Light light) const { return {Encode(light[0]), Encode(light[1]), Encode(light[2])}; }
 
