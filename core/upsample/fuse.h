@@ -11,6 +11,7 @@ namespace depthtween {
 
 struct Fused {
   Image<float> depth_m;     // 0 = unknown
+  Image<float> spread_m;    // how far apart the two keys' answers lie; 0 where only one answers
   Image<float> confidence;  // of the vote in the weighted median, 0..1
   Image<Provenance> provenance;
   Image<uint8_t> confirmed;  // 1 where both keys measured it and agree: no vote of neighbours can know better
@@ -20,10 +21,10 @@ struct Fused {
 // equally well: the surface moved in depth, linear in time. Otherwise: the better match.
 Fused Fuse(const ChooseInput& input, const Choice& choice, int threads);
 
-// Predicted standard deviation of each depth: the sensor's noise, the mismatch, and at silhouettes the chance to have
-// taken the wrong side.
-Image<float> PredictSigma(ImageView<const float> depth_m, ImageView<const float> confidence,
-                          ImageView<const Provenance> provenance, const DepthNoise& noise, int threads);
+// Predicted standard deviation of each depth (metres, 0 where depth is unknown): the sensor's noise, what the two keys
+// disagree by, the mismatch, and at silhouettes the chance to have taken the wrong side. `depth_m` may have been
+// settled since it was fused.
+Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, const DepthNoise& noise, int threads);
 
 }  // namespace depthtween
 

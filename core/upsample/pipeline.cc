@@ -334,9 +334,9 @@ class IntervalRun {
     } else {
       result.depth_m = fused.depth_m.Clone();
     }
+    result.sigma_m = PredictSigma(result.depth_m, fused, noise_, threads);
     result.provenance = fused.provenance.Clone();
     MarkMeasured(frame, result.provenance);
-    result.sigma_m = PredictSigma(result.depth_m, fused.confidence, result.provenance, noise_, threads);
     if (context_.want_motion && frame < static_cast<int>(forward_.size())) {
       result.motion_next = forward_[frame].Clone();
       result.motion_back = backward_[frame].Clone();
