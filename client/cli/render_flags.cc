@@ -135,11 +135,11 @@ void AddRenderFlags(CLI::App& command, RenderFlags& flags) {
       [&dof](auto easing) { dof.mutable_focus()->mutable_keys()->set_easing(easing); }, "Between keys [smooth]");
   AddWord<v1::DepthOfField::Method>(
       command, "--dof-method", "METHOD_", kLens, [&dof](auto method) { dof.set_method(method); }, "How [layers]");
-  AddNumber(
-      command, "--layers", "N", kLens, [&dof](double value) { dof.set_layers(static_cast<int>(value)); },
+  AddValue<int>(
+      command, "--layers", "N", kLens, [&dof](int value) { dof.set_layers(value); },
       "Layers of equal width in blur [20]");
-  AddNumber(
-      command, "--blades", "N", kLens, [&dof](double value) { dof.set_blades(static_cast<int>(value)); },
+  AddValue<int>(
+      command, "--blades", "N", kLens, [&dof](int value) { dof.set_blades(value); },
       "Of the aperture, 3 to 16; 0 is round [0]");
   AddNumber(
       command, "--max-radius", "PX", kLens, [&dof](double value) { dof.set_max_radius_px(value); },
