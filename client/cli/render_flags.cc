@@ -2,8 +2,10 @@
 
 #include <google/protobuf/descriptor.h>
 
+#include <functional>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/ascii.h"
@@ -48,13 +50,19 @@ void AddWord(CLI::App& command, const char* flag, const std::string& prefix, con
       ->group(group);
 }
 
-void AddNumber(CLI::App& command, const char* flag, const char* unit, const char* group,
-               std::function<void(double)> set, const char* help) {
+template <typename T>
+void AddValue(CLI::App& command, const char* flag, const char* unit, const char* group, std::function<void(T)> set,
+              const char* help) {
   command
-      .add_option_function<double>(
-          flag, [set](const double& value) { set(value); }, help)
+      .add_option_function<T>(
+          flag, [set](const T& value) { set(value); }, help)
       ->type_name(unit)
       ->group(group);
+}
+
+void AddNumber(CLI::App& command, const char* flag, const char* unit, const char* group,
+               std::function<void(double)> set, const char* help) {
+  AddValue<double>(command, flag, unit, group, std::move(set), help);
 }
 
 v1::Focus::Pixel ParsePixel(const std::string& flag, const std::string& text) {
