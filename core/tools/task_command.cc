@@ -216,7 +216,7 @@ absl::Status RenderTask(const Task& task) {
   return absl::OkStatus();
 }
 
-absl::Status RenderFrameTask(const Task& task) {
+absl::Status RenderOneFrame(const Task& task) {
   const TaskArguments& arguments = task.arguments;
   ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
   ASSIGN_OR_RETURN(const ClipPlan clip, ReadClipPlan(arguments, input));
@@ -233,6 +233,14 @@ absl::Status RenderFrameTask(const Task& task) {
     return FieldError("render.stereo.format", "= separate, which makes two pictures: ask for one that is one");
   ASSIGN_OR_RETURN(const std::string bytes, EncodePicture(rendered[0], options.frame_format));
   return WriteFile(arguments.out, bytes);
+}
+
+absl::Status RenderFrameTask(const Task& task) {
+  const absl::Status status = RenderOneFrame(task);
+  if (!absl::IsNotFound(status)) return status;
+  // The frame itself is there, or nobody would have asked; its focus may be taken from another.
+  return absl::FailedPreconditionError(
+      "a frame that the focus is taken from, or followed through, is not finished yet");
 }
 
 // The videos of all renders, and what the report says of them.
