@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "core/base/image.h"
+#include "core/io/jpeg.h"
 #include "core/io/png.h"
 #include "proto/depthtween/crc32c.h"
 #include "server/rpc/frame_encoding.h"
@@ -472,6 +473,20 @@ TEST_F(OutputServiceTest, PicturesAreOutputsLikeOthers) {
   EXPECT_THAT(Read(job.name() + "/outputs/dof-video", 0, 0, &video), Succeeds());
   EXPECT_EQ(video, "video of dof");
   EXPECT_EQ(GetJob(job.name()).progress().rendered_frames_done(), 6);
+}
+
+TEST(FrameEncoding, PicturesLeaveAsTheyAreStoredOrAsJpeg) {
+  const std::string png = Take(EncodePngRgb8(Image<Rgb8>(16, 8, Rgb8{200, 100, 50})));
+  const OutputSpec stored_png = {.kind = OutputKind::kPictures, .extension = "png"};
+  EXPECT_EQ(Take(EncodeFrame(png, stored_png, v1::ENCODING_PNG, 0)), png);
+  const std::string jpeg = Take(EncodeFrame(png, stored_png, v1::ENCODING_JPEG, 0));
+  const Image<Rgb8> decoded = Take(DecodeJpeg(jpeg));
+  EXPECT_NEAR(decoded(8, 4).r, 200, 3);
+  EXPECT_NEAR(decoded(8, 4).b, 50, 3);
+  const OutputSpec stored_jpeg = {.kind = OutputKind::kPictures, .extension = "jpg"};
+  EXPECT_THAT(EncodingsOf(stored_jpeg), testing::ElementsAre(v1::ENCODING_JPEG));
+  EXPECT_EQ(Take(EncodeFrame(jpeg, stored_jpeg, v1::ENCODING_JPEG, 0)), jpeg);
+  EXPECT_THAT(EncodeFrame("no picture", stored_png, v1::ENCODING_JPEG, 0), HasCode(absl::StatusCode::kDataLoss));
 }
 
 TEST_F(OutputServiceTest, WrongRendersNameTheirField) {
