@@ -203,9 +203,19 @@ int main(int argc, char** argv) {
   }
   if (script.count("ignore_term") > 0) {
     signal(SIGTERM, SIG_IGN);
-    if (kind == "intervals" && fork() == 0) {
-      Append(sequence + "/log", "start " + std::to_string(getpid()) + "\n");
-      while (true) pause();
+    int ends[2];
+    if (kind == "intervals" && pipe(ends) == 0) {
+      if (fork() == 0) {
+        Append(sequence + "/log", "start " + std::to_string(getpid()) + "\n");
+        close(ends[0]);
+        close(ends[1]);
+        while (true) pause();
+      }
+      // Until it has said so: a short interval must not end before.
+      char none;
+      close(ends[1]);
+      if (read(ends[0], &none, 1) != 0) exit(7);
+      close(ends[0]);
     }
   }
   signal(SIGPIPE, SIG_IGN);
