@@ -137,8 +137,9 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")->capture_default_str();
   command->add_option("--threads", options.jobs.default_threads, "Threads of a task whose job leaves it to the server")
       ->capture_default_str();
-  command->add_option("--frame-renderers", options.jobs.frame_renderers,
-                      "Single frames that are rendered on demand at the same time, beside the workers")
+  command
+      ->add_option("--frame-renderers", options.jobs.frame_renderers,
+                   "Single frames that are rendered on demand at the same time, beside the workers")
       ->check(CLI::PositiveNumber)
       ->type_name("N")
       ->capture_default_str();
