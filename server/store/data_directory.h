@@ -3,9 +3,11 @@
 //   depthtween.sqlite      the store
 //   sequences/<id>/        files as uploaded, under their relative paths: a sequence folder
 //   jobs/<id>/             options.json, constants.json; out/: the result folder, growing with finished intervals
-//   tasks/<number>/        scratch of one attempt, which nobody else writes to; errand-<n>/ of a call that is waited
-//   for trash/                 deleted folders on their way out lock                   held as long as the process
-//   lives; holds its process id
+//   tasks/<number>/        scratch of one attempt, which nobody else writes to
+//   tasks/errand-<n>/      scratch of a call that is waited for
+//   trash/                 deleted folders on their way out
+//   lock                   held as long as the process lives; holds its process id
+//
 // Threads: all methods may be called concurrently.
 #ifndef DEPTHTWEEN_SERVER_STORE_DATA_DIRECTORY_H_
 #define DEPTHTWEEN_SERVER_STORE_DATA_DIRECTORY_H_

@@ -63,6 +63,11 @@ class Line:
                 pass
 
 
+def stored_bytes(server):
+    """Bytes of uploads on the server's disk, kept for good or not yet."""
+    return sum(path.stat().st_size for path in server.data_dir.rglob("*.png"))
+
+
 class UploadTest(harness.IntegrationTest):
 
     def setUp(self):
@@ -100,6 +105,8 @@ class UploadTest(harness.IntegrationTest):
             client = server.start_client("submit", str(self.sequence), server=line.address)
             self.addCleanup(lambda: client.poll() is None and client.kill())
             self.assertTrue(line.reached.wait(harness.PATIENCE_S))
+            # What has passed the line may still lie unread before the server, and is lost with it.
+            harness.wait_for("the first message to be stored", lambda: stored_bytes(server) >= 1 << 20)
             client.kill()
             client.communicate()
             line.close()
