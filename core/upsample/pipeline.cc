@@ -20,8 +20,8 @@ namespace depthtween {
 namespace {
 
 // Neighbour-to-neighbour flow only proposes and starts: half resolution is enough. The flow to a key decides edges.
-// Variational refinement smooths across silhouettes what the choice among proposals has to tell apart: without it every
-// sequence is as good or better, and flow takes half the time.
+// Variational refinement smooths across silhouettes what the choice among proposals has to tell apart: without it
+// errors stay within 1 % (rotation: 1 % lower), and flow takes half the time.
 constexpr DenseFlowOptions kNeighbourFlow{
     .finest_scale = 1, .patch_stride = 4, .descent_iterations = 16, .refinement_iterations = 0};
 
