@@ -38,15 +38,13 @@ struct RenderCommand {
   bool force = false;
 };
 
-bool IsVideo(const std::string& output) {
-  return absl::EndsWithIgnoreCase(output, ".mp4") || absl::EndsWithIgnoreCase(output, ".mkv");
-}
-
 v1::RenderOptions::Container ContainerOf(const std::string& output) {
   if (absl::EndsWithIgnoreCase(output, ".mp4")) return v1::RenderOptions::CONTAINER_MP4;
   if (absl::EndsWithIgnoreCase(output, ".mkv")) return v1::RenderOptions::CONTAINER_MKV;
   return v1::RenderOptions::CONTAINER_UNSPECIFIED;
 }
+
+bool IsVideo(const std::string& output) { return ContainerOf(output) != v1::RenderOptions::CONTAINER_UNSPECIFIED; }
 
 absl::Status CheckFree(const std::string& path, bool force) {
   std::error_code error;
@@ -122,7 +120,7 @@ int Render(const RenderCommand& command) {
   const auto renders = RendersOf(
       command.flags, command.frame >= 0 ? v1::RenderOptions::CONTAINER_UNSPECIFIED : ContainerOf(command.output));
   if (!renders.ok()) return Report(renders.status());
-  if (renders->size() != 1) return Report(absl::InvalidArgumentError("say what to render: --dof or --stereo"));
+  if (renders->size() != 1) return Report(absl::InvalidArgumentError("say what to render: one of --dof and --stereo"));
   const auto connection = Connect(command.common);
   if (!connection.ok()) return Report(connection.status());
   if (command.frame >= 0) return Report(RenderOneFrame(**connection, command, *name, renders->front()));

@@ -134,6 +134,16 @@ std::string VideoStem(const RenderOptions& options, const std::string& out, size
   return out.substr(0, out.size() - std::string(".mp4").size());
 }
 
+// What will be there in the end: the videos, or the folder.
+std::vector<std::string> FilesOf(const RenderArguments& arguments, const RenderOptions& options,
+                                 const RenderPlan& plan) {
+  if (!options.container) return {arguments.out};
+  std::vector<std::string> files;
+  for (size_t i = 0; i < plan.streams.size(); ++i)
+    files.push_back(VideoFileName(options, VideoStem(options, arguments.out, i), i, *options.container));
+  return files;
+}
+
 absl::Status CheckOutput(const std::vector<std::string>& files, bool force) {
   for (const std::string& file : files) {
     std::error_code error;
@@ -147,7 +157,8 @@ absl::Status CheckOutput(const std::vector<std::string>& files, bool force) {
 
 absl::Status Render(const RenderArguments& arguments) {
   StopOnSignals signals;
-  if (arguments.dof == arguments.stereo) return absl::InvalidArgumentError("say what to render: --dof or --stereo");
+  if (arguments.dof == arguments.stereo)
+    return absl::InvalidArgumentError("say what to render: one of --dof and --stereo");
   if (!arguments.dof && !arguments.dof_options.empty())
     return absl::InvalidArgumentError("lens and focus are for --dof");
   if (!arguments.stereo && !arguments.stereo_options.empty())
@@ -160,7 +171,8 @@ absl::Status Render(const RenderArguments& arguments) {
   if (FileExists(JoinPath(arguments.input, "rgb.txt")) && !FileExists(JoinPath(arguments.input, "report.json"))) {
     sequence = arguments.input;
     ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(sequence));
-    RETURN_IF_ERROR(PlanRender(options, folder->sequence(), "options").status());
+    ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, folder->sequence(), "options"));
+    RETURN_IF_ERROR(CheckOutput(FilesOf(arguments, options, plan), arguments.force));
     RETURN_IF_ERROR(temporary.Make(sequence, arguments.out, arguments.threads, signals.token()));
     result = temporary.dir();
   }
@@ -170,21 +182,17 @@ absl::Status Render(const RenderArguments& arguments) {
                    Renderer::Create(options, {clip.recording.get(), result, clip.constants}, "options"));
 
   const int frame_count = clip.frame_count();
-  std::vector<std::string> files;
+  const std::vector<std::string> files = FilesOf(arguments, options, plan);
+  RETURN_IF_ERROR(CheckOutput(files, arguments.force));
   std::optional<PictureVideos> videos;
   std::optional<PictureFolders> folders;
   if (options.container) {
-    for (size_t i = 0; i < plan.streams.size(); ++i)
-      files.push_back(VideoFileName(options, VideoStem(options, arguments.out, i), i, *options.container));
-    RETURN_IF_ERROR(CheckOutput(files, arguments.force));
     ASSIGN_OR_RETURN(videos, PictureVideos::Create(files, options, clip.input));
   } else {
     // One stream lies in OUT itself, those of two eyes in OUT/left and OUT/right.
     RenderPlan local = plan;
     local.streams =
         plan.streams.size() == 1 ? std::vector<std::string>{"."} : std::vector<std::string>{"left", "right"};
-    files = {arguments.out};
-    RETURN_IF_ERROR(CheckOutput(files, arguments.force));
     ASSIGN_OR_RETURN(folders, PictureFolders::Create(arguments.out, options, local));
   }
 

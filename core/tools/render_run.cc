@@ -22,9 +22,6 @@ namespace {
 using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
-// The preview range of the constants is the 1st to the 99th percentile of depth, widened by this.
-constexpr double kPreviewMargin = 0.05;
-
 struct LoadedFrame {
   Image<Rgb8> color;
   Image<float> depth_m;
@@ -326,7 +323,7 @@ class StereoRenderer : public WindowRenderer {
 absl::StatusOr<StereoGeometry> Geometry(const StereoRender& stereo, const Sequence& sequence,
                                         const ClipConstants& constants, const std::string& path) {
   const absl::StatusOr<StereoGeometry> geometry =
-      ResolveStereo(sequence.camera, stereo.eyes,
+      ResolveStereo(sequence.camera, stereo.eyes,  // the range of previews without its margin: the percentiles
                     {.near_m = constants.preview_near_m / (1 - kPreviewMargin),
                      .far_m = constants.preview_far_m / (1 + kPreviewMargin),
                      .median_m = constants.median_depth_m});

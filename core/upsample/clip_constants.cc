@@ -117,8 +117,8 @@ absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source) {
   const DepthNoise fitted = over_time.At(middle) < over_space.At(middle) ? over_time : over_space;
   constants.noise_a_m = fitted.a_m;
   constants.noise_b_per_m = fitted.b_per_m;
-  constants.preview_near_m = 0.95 * percentile(0.01);
-  constants.preview_far_m = 1.05 * percentile(0.99);
+  constants.preview_near_m = (1 - kPreviewMargin) * percentile(0.01);
+  constants.preview_far_m = (1 + kPreviewMargin) * percentile(0.99);
   if (constants.median_depth_m < kPlausibleMedianNear || constants.median_depth_m > kPlausibleMedianFar)
     constants.warnings.push_back(
         absl::StrFormat("camera.depth_scale = %g implies a median depth of %g m, which is hardly what was filmed: "

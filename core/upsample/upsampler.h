@@ -20,12 +20,15 @@
 
 namespace depthtween {
 
+// What the range of previews leaves on both sides of the depths it shows, as a share of them.
+inline constexpr double kPreviewMargin = 0.05;
+
 // Clip-wide constants, computed once before any interval.
 struct ClipConstants {
   // Standard deviation of a depth measurement: sigma(z) = a + b z^2, metres.
   double noise_a_m = 0.0015;
   double noise_b_per_m = 0.0004;
-  // Range shown in previews, metres: 1st and 99th percentile of the keys, widened a little.
+  // Range shown in previews, metres: 1st and 99th percentile of the keys, widened by kPreviewMargin.
   double preview_near_m = 0.5;
   double preview_far_m = 5.0;
   // Median of all key depths, metres.

@@ -6,7 +6,6 @@
 //
 // REFERENCES is a folder: renders through the lens are kept there and read back by the next run. Prints Markdown.
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -28,6 +27,7 @@
 #include "core/upsample/pipeline.h"
 #include "opencv2/core.hpp"
 #include "opencv2/imgproc.hpp"
+#include "tests/bench/timing.h"
 
 namespace depthtween {
 namespace {
@@ -204,18 +204,6 @@ absl::Status Upsampled(const std::string& references) {
     std::fflush(stdout);
   }
   return absl::OkStatus();
-}
-
-template <typename Body>
-double Seconds(const Body& body) {
-  const auto start = std::chrono::steady_clock::now();
-  body();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-double Median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
 }
 
 // The yardstick: a stack of twelve RGBA images, each blurred by OpenCV with a disc, of the radii that our layers have.

@@ -7,7 +7,6 @@
 //
 // Usage: interval_bench [rounds, default 5]
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <map>
@@ -21,21 +20,10 @@
 #include "core/upsample/pipeline.h"
 #include "opencv2/core.hpp"
 #include "opencv2/video/tracking.hpp"
+#include "tests/bench/timing.h"
 
 namespace depthtween {
 namespace {
-
-template <typename Body>
-double Seconds(const Body& body) {
-  const auto start = std::chrono::steady_clock::now();
-  body();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-double Median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
 
 absl::StatusOr<std::unique_ptr<MemorySource>> RenderClip() {
   SyntheticOptions options;

@@ -12,7 +12,6 @@
 // every number. "All" is the rest; "holes" are its holes; the "edge band" lies within 4 px of a hole or of a jump of
 // more than 1 px in the carried disparity.
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -36,6 +35,7 @@
 #include "opencv2/core.hpp"
 #include "opencv2/imgproc.hpp"
 #include "opencv2/photo.hpp"
+#include "tests/bench/timing.h"
 
 namespace depthtween {
 namespace {
@@ -451,14 +451,7 @@ absl::Status Temporal(const std::string& images) {
 
 template <typename Body>
 double Milliseconds(const Body& body) {
-  const auto start = std::chrono::steady_clock::now();
-  body();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-}
-
-double Median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
+  return 1000 * Seconds(body);
 }
 
 absl::Status Speed(int rounds) {
