@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "core/base/parallel.h"
 #include "core/fill/weighted_median.h"
 #include "core/flow/dense_flow.h"
@@ -172,7 +173,7 @@ class IntervalRun {
     std::vector<Image<float>> depth;
     std::vector<Image<Rgb8>> color;
     for (const int other : {index - 1, index + 1}) {
-      if (other < 0 || other >= static_cast<int>(source_.sequence().depth.size())) continue;
+      if (!options_.settle || other < 0 || other >= static_cast<int>(source_.sequence().depth.size())) continue;
       ASSIGN_OR_RETURN(depth.emplace_back(), source_.Depth(other));
       ASSIGN_OR_RETURN(color.emplace_back(), source_.Color(LocateKey(source_.sequence(), other).color_index));
     }
@@ -214,9 +215,11 @@ class IntervalRun {
 
   // Each key's surface moved to each frame and drawn there: a proposal that knows what hides what.
   absl::Status DrawKeys() {
+    for (int side = 0; side < 2; ++side) drawn_[side].resize(window_.size());
+    if (!options_.draw) return absl::OkStatus();
     std::vector<Image<Flow2>> tracks[2];  // [side][frame of the window]: from the key
     const int count = window_.size();
-    for (int side = 0; side < 2; ++side) tracks[side].resize(count), drawn_[side].resize(count);
+    for (int side = 0; side < 2; ++side) tracks[side].resize(count);
     RETURN_IF_ERROR(SideBySide(2, [&](int side) {
       const int key = KeyInWindow(side);
       const auto& color = window_.color[key];
@@ -270,7 +273,10 @@ class IntervalRun {
       const Image<Flow2> still(color.width(), color.height());
       ChooseInput input{.target = &target, .keys = {&keys_[0], &keys_[1]}, .tau = Tau(frame), .noise = noise_};
       for (int side = 0; side < 2; ++side)
-        input.proposals[side] = {refined_[side][frame], composed_[side][frame], drawn_[side][frame], still};
+        for (const Image<Flow2>* motion :
+             {&std::as_const(refined_[side][frame]), &std::as_const(composed_[side][frame]),
+              &std::as_const(drawn_[side][frame]), &still})
+          if (!motion->empty()) input.proposals[side].push_back(*motion);
       fused_[i] = Fuse(input, Choose(input, {.sweeps = options_.sweeps}, inner), inner);
       // Nothing else looks at these again; a long interval holds many.
       for (auto* motions : {composed_, refined_, drawn_})
@@ -306,7 +312,7 @@ class IntervalRun {
       Image<Flow2> motions[2 * kWitnessFrames];
       std::vector<MedianWitness> witnesses;
       for (const int direction : {-1, 1})
-        for (int d = 1; options_.median_radius > 0 && d <= kWitnessFrames; ++d) {
+        for (int d = 1; options_.witnesses && options_.median_radius > 0 && d <= kWitnessFrames; ++d) {
           const int at = frame + direction * d;
           if (at < 0 || at >= window_.size()) break;
           const MedianVoters voters = voters_of(at);
@@ -412,6 +418,43 @@ class Pipeline : public Upsampler {
 };
 
 }  // namespace
+
+const std::vector<std::string>& PresetNames() {
+  static const auto* const kNames = new std::vector<std::string>{"fast", "balanced", "best"};
+  return *kNames;
+}
+
+const std::vector<std::string>& PartNames() {
+  static const auto* const kNames =
+      new std::vector<std::string>{"settle", "draw", "propagation", "median", "witnesses"};
+  return *kNames;
+}
+
+absl::StatusOr<PipelineOptions> PipelineOptions::ForPreset(std::string_view name) {
+  if (name == "fast") return PipelineOptions{.sweeps = 1, .flow_finest_scale = 1, .draw = false, .witnesses = false};
+  if (name == "balanced") return PipelineOptions{};
+  if (name == "best") return PipelineOptions{.sweeps = 3};
+  return absl::InvalidArgumentError(absl::StrFormat("preset '%s' is not known: the presets are %s", std::string(name),
+                                                    absl::StrJoin(PresetNames(), ", ")));
+}
+
+absl::Status PipelineOptions::SwitchOff(std::string_view part) {
+  if (part == "settle") {
+    settle = false;
+  } else if (part == "draw") {
+    draw = false;
+  } else if (part == "propagation") {
+    sweeps = 0;
+  } else if (part == "median") {
+    median_radius = 0;
+  } else if (part == "witnesses") {
+    witnesses = false;
+  } else {
+    return absl::InvalidArgumentError(absl::StrFormat("'%s' cannot be switched off: the parts are %s",
+                                                      std::string(part), absl::StrJoin(PartNames(), ", ")));
+  }
+  return absl::OkStatus();
+}
 
 absl::Status PipelineOptions::Validate() const {
   const auto error = [](const char* field, int value, const char* rule) {

@@ -9,10 +9,18 @@
 #define DEPTHTWEEN_CORE_UPSAMPLE_PIPELINE_H_
 
 #include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
 
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {
+
+// From the fastest to the most accurate: "fast", "balanced" (the default), "best".
+const std::vector<std::string>& PresetNames();
+// The stages that `PipelineOptions::SwitchOff` knows, for ablations.
+const std::vector<std::string>& PartNames();
 
 struct PipelineOptions {
   // Sweeps of propagation between neighbouring pixels where the match is uncertain. >= 0.
@@ -21,7 +29,16 @@ struct PipelineOptions {
   int median_radius = 3;
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
+  // Stages that one can do without, to learn what each is worth.
+  bool settle = true;     // keys by the depth frames before and after them, where the scene stood still
+  bool draw = true;       // keys' surfaces moved and drawn as proposals
+  bool witnesses = true;  // the frames on either side vote in the median too
 
+  // InvalidArgument lists the presets if `name` is none of them.
+  static absl::StatusOr<PipelineOptions> ForPreset(std::string_view name);
+  // "propagation" and "median" stand for sweeps = 0 and median_radius = 0. InvalidArgument lists the parts if `part` is
+  // none of them.
+  absl::Status SwitchOff(std::string_view part);
   absl::Status Validate() const;
 };
 
