@@ -3,9 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <utility>
+
+#include "absl/strings/str_format.h"
 
 namespace depthtween {
 namespace {
+
+constexpr double kMaxOffsetNs = 3600e9;
+constexpr double kMaxDriftPpm = 1e5;
 
 double Median(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
@@ -13,19 +19,74 @@ double Median(std::vector<double>& values) {
   return *middle;
 }
 
+std::vector<double> Gaps(const std::vector<FrameRef>& frames) {
+  std::vector<double> gaps;
+  for (size_t i = 1; i < frames.size(); ++i)
+    gaps.push_back(static_cast<double>(frames[i].time_ns - frames[i - 1].time_ns));
+  return gaps;
+}
+
 }  // namespace
 
 int64_t StampJitterNs(const std::vector<FrameRef>& frames) {
   if (frames.size() < 4) return 0;
-  std::vector<double> gaps;
-  for (size_t i = 1; i < frames.size(); ++i)
-    gaps.push_back(static_cast<double>(frames[i].time_ns - frames[i - 1].time_ns));
+  std::vector<double> gaps = Gaps(frames);
   std::vector<double> sorted = gaps;
   const double period = Median(sorted);
   for (double& gap : gaps) gap = std::abs(gap - period * std::max(1.0, std::round(gap / period)));
   // A gap is the difference of two stamps: its deviation is sqrt(2) times one stamp's. 1.4826: median to standard
   // deviation.
   return static_cast<int64_t>(1.4826 / std::sqrt(2.0) * Median(gaps));
+}
+
+int64_t MedianPeriodNs(const std::vector<FrameRef>& frames) {
+  if (frames.size() < 2) return 0;
+  std::vector<double> gaps = Gaps(frames);
+  return std::llround(Median(gaps));
+}
+
+int64_t ClockModel::ColorTime(int64_t depth_stamp_ns) const {
+  // What is taken from the stamp is small enough for a double, the stamp itself is not.
+  const double drift = 1e-6 * drift_ppm, since = static_cast<double>(depth_stamp_ns - reference_ns);
+  return depth_stamp_ns - std::llround((offset_ns + drift * since) / (1.0 + drift));
+}
+
+double ClockModel::OffsetAt(int64_t color_time_ns) const {
+  return offset_ns + 1e-6 * drift_ppm * static_cast<double>(color_time_ns - reference_ns);
+}
+
+absl::Status ClockModel::Validate() const {
+  const auto error = [](const char* field, double value, const char* rule) {
+    return absl::InvalidArgumentError(absl::StrFormat("ClockModel.%s = %g, must be %s", field, value, rule));
+  };
+  if (!(std::abs(offset_ns) <= kMaxOffsetNs)) return error("offset_ns", offset_ns, "within an hour (3.6e12)");
+  if (!(std::abs(drift_ppm) <= kMaxDriftPpm)) return error("drift_ppm", drift_ppm, "within 100000 (a tenth)");
+  if (!std::isfinite(row_time_ns)) return error("row_time_ns", row_time_ns, "finite");
+  for (const auto& [field, sigma] : {std::pair{"offset_sigma_ns", offset_sigma_ns},
+                                     {"drift_sigma_ppm", drift_sigma_ppm},
+                                     {"row_time_sigma_ns", row_time_sigma_ns}})
+    if (!(sigma >= 0) || !std::isfinite(sigma)) return error(field, sigma, "at least 0 and finite");
+  return absl::OkStatus();
+}
+
+Sequence CorrectDepthStamps(const Sequence& sequence, const ClockModel& clock) {
+  Sequence corrected = sequence;
+  for (FrameRef& frame : corrected.depth) frame.time_ns = clock.ColorTime(frame.time_ns);
+  return corrected;
+}
+
+Sequence PairDepthByIndex(const Sequence& sequence, int color_per_depth) {
+  Sequence paired = sequence;
+  const size_t ratio = color_per_depth, count = (sequence.color.size() + ratio - 1) / ratio;
+  if (paired.depth.size() > count) paired.depth.resize(count);
+  for (size_t k = 0; k < paired.depth.size(); ++k) paired.depth[k].time_ns = sequence.color[k * ratio].time_ns;
+  return paired;
+}
+
+int ColorFramesPerDepth(const Sequence& sequence) {
+  const auto color = static_cast<double>(MedianPeriodNs(sequence.color));
+  const auto depth = static_cast<double>(MedianPeriodNs(sequence.depth));
+  return color > 0 ? std::max(1, static_cast<int>(std::lround(depth / color))) : 1;
 }
 
 }  // namespace depthtween

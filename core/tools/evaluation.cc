@@ -18,6 +18,7 @@
 #include "core/io/sequence_folder.h"
 #include "core/metrics/sensor_floor.h"
 #include "core/sequence/interval.h"
+#include "core/tools/clip_clock.h"
 
 namespace depthtween::tools {
 namespace {
@@ -42,8 +43,10 @@ struct TruthPlan {
 
 bool AtTime(const FrameRef& frame, int64_t time_ns) { return std::abs(frame.time_ns - time_ns) <= kSameTimeNs; }
 
-absl::StatusOr<TruthPlan> PlanTruth(const SequenceFolder& reference, int key_every) {
-  const Sequence& sequence = reference.sequence();
+// Left-out depth maps are placed in time by the clock of the result. Pairing by index is no clock: where it says that a
+// map belongs is what is to be judged, so the stamps place it.
+absl::StatusOr<TruthPlan> PlanTruth(const SequenceFolder& reference, const ClockModel& clock, int key_every) {
+  const Sequence sequence = CorrectDepthStamps(reference.sequence(), clock);
   const Sequence keys = KeepEveryNthDepth(sequence, key_every);
   const int64_t first_ns = keys.depth.front().time_ns, last_ns = keys.depth.back().time_ns;
   const auto between_keys = [&](int64_t time_ns) { return time_ns > first_ns && time_ns < last_ns; };
@@ -116,6 +119,7 @@ absl::StatusOr<ResultFolder> OpenResult(const std::string& dir) {
 struct ResultFacts {
   std::string method;
   int key_every = 1;
+  ClipClock clock;
 };
 
 absl::StatusOr<ResultFacts> ReadFacts(const ResultFolder& result) {
@@ -126,7 +130,13 @@ absl::StatusOr<ResultFacts> ReadFacts(const ResultFolder& result) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s/report.json does not say options.method and options.key_every: evaluate a folder that upsample wrote",
         result.dir()));
-  return ResultFacts{.method = method->get<std::string>(), .key_every = key_every->get<int>()};
+  ResultFacts facts{.method = method->get<std::string>(), .key_every = key_every->get<int>()};
+  try {
+    facts.clock = ClockOf(result.report());
+  } catch (const json::exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat(result.dir(), "/report.json: clock: ", error.what()));
+  }
+  return facts;
 }
 
 // True motion, frame by frame, where the reference has it: gt/flow, gt/occ.
@@ -214,7 +224,7 @@ absl::StatusOr<Evaluation> Evaluate(const EvaluationOptions& options) {
   ASSIGN_OR_RETURN(const ResultFacts facts, ReadFacts(result));
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> reference, SequenceFolder::Open(options.reference_dir));
   ASSIGN_OR_RETURN(const std::vector<int> matches, MatchFrames(result, *reference));
-  ASSIGN_OR_RETURN(TruthPlan plan, PlanTruth(*reference, facts.key_every));
+  ASSIGN_OR_RETURN(TruthPlan plan, PlanTruth(*reference, facts.clock.model, facts.key_every));
   const auto in_result = [&](const TruthRef& truth) { return matches[truth.color] >= 0; };
   const auto kept = std::stable_partition(plan.frames.begin(), plan.frames.end(), in_result);
   if (const auto missing = plan.frames.end() - kept; missing > 0)
@@ -233,7 +243,7 @@ absl::StatusOr<Evaluation> Evaluate(const EvaluationOptions& options) {
     baselines.push_back(std::move(baseline));
   }
 
-  const EveryNthDepth keys(*reference, facts.key_every);
+  const ClipSource keys(*reference, facts.clock, facts.key_every);
   const Sequence& sequence = keys.sequence();
   const std::vector<Interval> intervals = PlanIntervals(sequence);
   const auto interval_of = [&](int color) {

@@ -13,10 +13,12 @@ absl::StatusOr<FinishedClip> OpenFinishedClip(const std::string& result_dir, con
   std::string sequence_dir = sequence;
   ClipConstants constants;
   UpsampleOptions options;
+  ClipClock clock;
   try {
     const nlohmann::json& report = result.report();
     if (sequence_dir.empty()) sequence_dir = report.at("sequence").get<std::string>();
     constants = ConstantsFromJson(report.at("constants"));
+    clock = ClockOf(report);
     ASSIGN_OR_RETURN(options, ParseUpsampleOptions(report.at("options").dump()));
   } catch (const nlohmann::json::exception& error) {
     return absl::InvalidArgumentError(absl::StrCat(result_dir, "/report.json: ", error.what()));
@@ -28,7 +30,7 @@ absl::StatusOr<FinishedClip> OpenFinishedClip(const std::string& result_dir, con
   auto recording = SequenceFolder::Open(sequence_dir);
   if (!recording.ok())
     return WithContext(recording.status(), "the recording with the colour frames (name it with --sequence)");
-  Sequence input = KeepEveryNthDepth((*recording)->sequence(), options.key_every);
+  Sequence input = InputOf((*recording)->sequence(), clock, options.key_every);
   const auto same = [](const FrameRef& a, const FrameRef& b) { return a.time_ns == b.time_ns && a.Stem() == b.Stem(); };
   if (!std::equal(input.color.begin(), input.color.end(), result.frames().begin(), result.frames().end(), same))
     return absl::InvalidArgumentError(

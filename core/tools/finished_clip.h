@@ -15,7 +15,7 @@ namespace depthtween::tools {
 struct FinishedClip {
   ResultFolder result;
   std::unique_ptr<SequenceFolder> recording;
-  Sequence input;  // the recording as the upsampling saw it: without the depth frames it left out
+  Sequence input;  // the recording as the upsampling saw it: its clock, and without the depth frames it left out
   ClipConstants constants;
 
   int frame_count() const { return static_cast<int>(input.color.size()); }

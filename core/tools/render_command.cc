@@ -114,7 +114,7 @@ class TemporaryResult {
     ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
     ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> source, SequenceFolder::Open(recording));
     ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(dir_, source->sequence(), true));
-    ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*source));
+    ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*source, options));
     ProgressBar progress(plan);
     ASSIGN_OR_RETURN(const std::vector<IntervalReport> reports,
                      RunIntervals(*upsampler, *source, plan, 0, static_cast<int>(plan.intervals.size()), options, stop,

@@ -57,8 +57,7 @@ struct Input {
   UpsampleOptions options;
   std::vector<RenderOptions> renders;
   json render;  // of render-frame
-  std::unique_ptr<SequenceFolder> folder;
-  std::unique_ptr<EveryNthDepth> source;
+  std::unique_ptr<SequenceFolder> recording;
 };
 
 absl::StatusOr<Input> OpenInput(const TaskArguments& arguments) {
@@ -76,14 +75,13 @@ absl::StatusOr<Input> OpenInput(const TaskArguments& arguments) {
   } else {
     ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(text));  // says what is wrong with it
   }
-  ASSIGN_OR_RETURN(input.folder, SequenceFolder::Open(arguments.sequence));
-  input.source = std::make_unique<EveryNthDepth>(*input.folder, input.options.key_every);
+  ASSIGN_OR_RETURN(input.recording, SequenceFolder::Open(arguments.sequence));
   return input;
 }
 
 absl::StatusOr<ClipPlan> ReadClipPlan(const TaskArguments& arguments, const Input& input) {
   ASSIGN_OR_RETURN(const std::string constants, ReadFile(arguments.constants));
-  return ParseClipPlan(constants, input.source->sequence());
+  return ParseClipPlan(constants, input.recording->sequence(), input.options);
 }
 
 json FramesToJson(const std::vector<FrameRef>& frames) {
@@ -120,11 +118,11 @@ absl::Status ValidateTask(const Task& task) {
 
 absl::Status PrepareTask(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(task.arguments));
-  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*input.source));
+  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*input.recording, input.options));
   // A render that does not fit this clip is better refused now than after its depth has been computed.
   for (size_t i = 0; i < input.renders.size(); ++i)
-    RETURN_IF_ERROR(CheckRender(input.renders[i], input.source->sequence(), plan.constants, RenderPath(i)));
-  return WriteFileDurably(task.arguments.constants, Dump(ToJson(plan, input.source->sequence())));
+    RETURN_IF_ERROR(CheckRender(input.renders[i], input.recording->sequence(), plan.constants, RenderPath(i)));
+  return WriteFileDurably(task.arguments.constants, Dump(ToJson(plan, input.recording->sequence())));
 }
 
 // Sends what happens down the pipe, and leaves each interval's report beside its frames.
@@ -152,11 +150,12 @@ absl::Status IntervalsTask(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
   ASSIGN_OR_RETURN(const ClipPlan plan, ReadClipPlan(arguments, input));
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(input.options));
+  const ClipSource source(*input.recording, plan.clock, input.options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer,
-                   ResultWriter::Create(arguments.out, input.source->sequence(), input.options.keep_motion));
+                   ResultWriter::Create(arguments.out, source.sequence(), input.options.keep_motion));
   TaskObserver observer(task);
-  return RunIntervals(*upsampler, *input.source, plan, arguments.first, arguments.count, input.options, task.stop,
-                      writer, observer)
+  return RunIntervals(*upsampler, source, plan, arguments.first, arguments.count, input.options, task.stop, writer,
+                      observer)
       .status();
 }
 
@@ -164,7 +163,7 @@ absl::Status PlanRendersTask(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(task.arguments));
   json plans = json::array();
   for (size_t i = 0; i < input.renders.size(); ++i) {
-    ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(input.renders[i], input.source->sequence(), RenderPath(i)));
+    ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(input.renders[i], input.recording->sequence(), RenderPath(i)));
     plans.push_back(ToJson(input.renders[i], plan));
   }
   return WriteFile(task.arguments.out, Dump({{"renders", std::move(plans)}}));
@@ -180,10 +179,10 @@ absl::Status RenderTask(const Task& task) {
     return absl::InvalidArgumentError(absl::StrCat("--render ", arguments.render, ": the options have no such render"));
   const std::string path = RenderPath(static_cast<size_t>(options - input.renders.begin()));
   RETURN_IF_ERROR(CheckIntervals(clip, arguments.first, arguments.count));
-  const Sequence& sequence = input.source->sequence();
+  const ClipSource source(*input.recording, clip.clock, input.options.key_every);
+  const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(*options, sequence, path));
-  ASSIGN_OR_RETURN(const auto renderer,
-                   Renderer::Create(*options, {input.source.get(), arguments.result, clip.constants}, path));
+  ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(*options, {&source, arguments.result, clip.constants}, path));
   ASSIGN_OR_RETURN(const PictureFolders folders, PictureFolders::Create(arguments.out, *options, plan));
   // Where the pieces beside this one left the focus, if they are there.
   const auto read_part = [&](int interval) -> std::optional<RenderPart> {
@@ -221,8 +220,9 @@ absl::Status RenderOneFrame(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
   ASSIGN_OR_RETURN(const ClipPlan clip, ReadClipPlan(arguments, input));
   ASSIGN_OR_RETURN(const RenderOptions options, ParseRender(input.render, "render"));
+  const ClipSource source(*input.recording, clip.clock, input.options.key_every);
   ASSIGN_OR_RETURN(const auto renderer,
-                   Renderer::Create(options, {input.source.get(), arguments.result, clip.constants}, "render"));
+                   Renderer::Create(options, {&source, arguments.result, clip.constants}, "render"));
   std::vector<Image<Rgb8>> rendered;
   const auto sink = [&](int, std::vector<Image<Rgb8>> pictures) {
     rendered = std::move(pictures);
@@ -246,19 +246,19 @@ absl::Status RenderFrameTask(const Task& task) {
 // The videos of all renders, and what the report says of them.
 absl::StatusOr<json> AssembleRenders(const Task& task, const Input& input, const ClipPlan& clip) {
   const std::string& dir = task.arguments.out;
+  const ClipSource source(*input.recording, clip.clock, input.options.key_every);
   json reports = json::array();
   for (size_t i = 0; i < input.renders.size(); ++i) {
     const RenderOptions& options = input.renders[i];
-    ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, input.source->sequence(), RenderPath(i)));
+    ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, source.sequence(), RenderPath(i)));
     std::vector<RenderPart> parts;
     for (const Interval& interval : clip.intervals) {
       ASSIGN_OR_RETURN(const std::string text, ReadFile(RenderPartPath(dir, options.name, interval.index)));
       ASSIGN_OR_RETURN(parts.emplace_back(), ParseRenderPart(text));
     }
     task.progress.Send({{"stage", "assemble " + options.name}, {"interval", 0}});
-    RETURN_IF_ERROR(AssembleVideos(dir, options, plan, input.source->sequence(), task.stop));
-    ASSIGN_OR_RETURN(const auto renderer,
-                     Renderer::Create(options, {input.source.get(), dir, clip.constants}, RenderPath(i)));
+    RETURN_IF_ERROR(AssembleVideos(dir, options, plan, source.sequence(), task.stop));
+    ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(options, {&source, dir, clip.constants}, RenderPath(i)));
     json report = renderer->Report(parts);
     double seconds = 0;
     for (const RenderPart& part : parts) seconds += part.seconds;
@@ -280,8 +280,9 @@ absl::Status AssembleTask(const Task& task) {
     ASSIGN_OR_RETURN(reports.emplace_back(), ParseIntervalReport(text));
   }
   ASSIGN_OR_RETURN(json renders, AssembleRenders(task, input, plan));
-  ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, input.source->sequence()));
-  return AssembleResult(input.options, arguments.sequence, input.source->sequence(), plan, reports, std::move(renders),
+  const ClipSource source(*input.recording, plan.clock, input.options.key_every);
+  ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, source.sequence()));
+  return AssembleResult(input.options, arguments.sequence, source.sequence(), plan, reports, std::move(renders),
                         writer);
 }
 

@@ -50,11 +50,11 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
   const UpsampleOptions& options = arguments.options;
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
-  const EveryNthDepth source(*folder, options.key_every);
   RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
+  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*folder, options));
+  const ClipSource source(*folder, plan.clock, options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer,
                    ResultWriter::Create(arguments.out, source.sequence(), options.keep_motion));
-  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(source));
   for (const std::string& warning : plan.constants.warnings) std::cerr << "warning: " << warning << std::endl;
 
   std::vector<IntervalReport> reports;
@@ -109,6 +109,12 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
   command->add_flag(
       "--keep-motion", arguments->options.keep_motion,
       "Keep the motion between frames too (motion/*.npz): `render` then looks behind edges in other frames");
+  command
+      ->add_option("--clock", arguments->options.clock,
+                   "How depth frames come onto the colour camera's clock: stamps (they are right), index (pair by\n"
+                   "number), or OFFSET_MS[,DRIFT_PPM] that the depth clock is ahead and gains")
+      ->capture_default_str()
+      ->type_name("CLOCK");
   command->add_flag("--force", arguments->force, "Replace an earlier result in OUT");
   command->callback([=] { *exit_code = ReportStatus(Upsample(*arguments)); });
 }

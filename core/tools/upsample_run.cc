@@ -63,14 +63,15 @@ absl::Status UpsampleOptions::Validate() const {
         absl::StrFormat("options.key_every = %d, must be at least 1 (1 keeps every depth frame)", key_every));
   if (threads < 1 || threads > kMaxThreads)
     return absl::InvalidArgumentError(absl::StrFormat("options.threads = %d, must be 1 to %d", threads, kMaxThreads));
-  return absl::OkStatus();
+  return WithContext(ParseClockChoice(clock).status(), "options.clock");
 }
 
 json ToJson(const UpsampleOptions& options) {
   return {{"method", options.method},
           {"key_every", options.key_every},
           {"threads", options.threads},
-          {"keep_motion", options.keep_motion}};
+          {"keep_motion", options.keep_motion},
+          {"clock", options.clock}};
 }
 
 absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
@@ -84,10 +85,16 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
         out = entry.get<int>();
         return absl::OkStatus();
       };
-      if (field == "method") {
+      const auto read_string = [&entry = entry, &field = field](std::string& out) {
         if (!entry.is_string())
-          return absl::InvalidArgumentError(absl::StrFormat("options.method = %s, must be a string", entry.dump()));
-        options.method = entry.get<std::string>();
+          return absl::InvalidArgumentError(absl::StrFormat("options.%s = %s, must be a string", field, entry.dump()));
+        out = entry.get<std::string>();
+        return absl::OkStatus();
+      };
+      if (field == "method") {
+        RETURN_IF_ERROR(read_string(options.method));
+      } else if (field == "clock") {
+        RETURN_IF_ERROR(read_string(options.clock));
       } else if (field == "key_every") {
         RETURN_IF_ERROR(read_int(options.key_every));
       } else if (field == "threads") {
@@ -99,7 +106,7 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
         options.keep_motion = entry.get<bool>();
       } else {
         return absl::InvalidArgumentError(absl::StrFormat(
-            "options.%s is not known: the options are method, key_every, threads and keep_motion", field));
+            "options.%s is not known: the options are method, key_every, threads, keep_motion and clock", field));
       }
     }
     RETURN_IF_ERROR(options.Validate());
@@ -113,9 +120,33 @@ absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& 
   return MakeBaseline(options.method);
 }
 
-absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& source) {
-  RETURN_IF_ERROR(Validate(source.sequence()));
+namespace {
+
+absl::StatusOr<ClipClock> DecideClock(const Sequence& recording, const UpsampleOptions& options) {
+  ASSIGN_OR_RETURN(const ClockChoice choice, ParseClockChoice(options.clock));
+  ClipClock clock{.model = {.reference_ns = recording.color.front().time_ns}};
+  switch (choice.mode) {
+    case ClockChoice::Mode::kStamps:
+      break;
+    case ClockChoice::Mode::kIndex:
+      clock.color_per_depth = ColorFramesPerDepth(recording);
+      break;
+    case ClockChoice::Mode::kGiven:
+      clock.model.offset_ns = 1e6 * choice.offset_ms;
+      clock.model.drift_ppm = choice.drift_ppm;
+      break;
+  }
+  return clock;
+}
+
+}  // namespace
+
+absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options) {
+  RETURN_IF_ERROR(Validate(recording.sequence()));
   ClipPlan plan;
+  ASSIGN_OR_RETURN(plan.clock, DecideClock(recording.sequence(), options));
+  const ClipSource source(recording, plan.clock, options.key_every);
+  RETURN_IF_ERROR(WithContext(Validate(source.sequence()), absl::StrCat("with options.clock = ", options.clock)));
   ASSIGN_OR_RETURN(plan.constants, EstimateClipConstants(source));
   plan.intervals = PlanIntervals(source.sequence());
   if (source.sequence().depth.size() == 1)
@@ -139,21 +170,26 @@ ClipConstants ConstantsFromJson(const json& constants) {
           .warnings = constants.at("warnings").get<std::vector<std::string>>()};
 }
 
-json ToJson(const ClipPlan& plan, const Sequence& sequence) {
+json ToJson(const ClipPlan& plan, const Sequence& recording) {
   json intervals = json::array();
   for (const Interval& interval : plan.intervals) intervals.push_back(IntervalToJson(interval));
   json frames = json::array();
-  for (size_t i = 0; i < sequence.color.size(); ++i)
-    frames.push_back({{"index", i}, {"time_ns", sequence.color[i].time_ns}, {"stem", sequence.color[i].Stem()}});
-  return {{"constants", ToJson(plan.constants)}, {"intervals", std::move(intervals)}, {"frames", std::move(frames)}};
+  for (size_t i = 0; i < recording.color.size(); ++i)
+    frames.push_back({{"index", i}, {"time_ns", recording.color[i].time_ns}, {"stem", recording.color[i].Stem()}});
+  return {{"constants", ToJson(plan.constants)},
+          {"clock", ToJson(plan.clock)},
+          {"intervals", std::move(intervals)},
+          {"frames", std::move(frames)}};
 }
 
-absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& sequence) {
+absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& recording,
+                                       const UpsampleOptions& options) {
   return ParseJson(text, "constants", [&](const json& value) -> absl::StatusOr<ClipPlan> {
     ClipPlan plan;
     plan.constants = ConstantsFromJson(value.at("constants"));
-    // Intervals follow from the sequence; those in the file tell whether it belongs to this one.
-    plan.intervals = PlanIntervals(sequence);
+    plan.clock = ClockOf(value);
+    // Intervals follow from the recording and its clock; those in the file tell whether it belongs to this one.
+    plan.intervals = PlanIntervals(InputOf(recording, plan.clock, options.key_every));
     json expected = json::array();
     for (const Interval& interval : plan.intervals) expected.push_back(IntervalToJson(interval));
     if (value.at("intervals") != expected)
@@ -257,6 +293,7 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
        {"stages", stages},
        {"renders", std::move(renders)},
        {"constants", ToJson(plan.constants)},
+       {"clock", ToJson(plan.clock)},
        {"warnings", plan.constants.warnings},
        {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}});
 }

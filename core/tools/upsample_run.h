@@ -15,6 +15,7 @@
 
 #include "core/base/status.h"
 #include "core/io/result_folder.h"
+#include "core/tools/clip_clock.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween::tools {
@@ -23,10 +24,11 @@ inline constexpr int kMaxThreads = 1024;
 
 // What a user may ask of an upsampling, locally or from the server.
 struct UpsampleOptions {
-  std::string method = "ours";  // one of UpsampleMethods()
-  int key_every = 1;            // keep depth frames 0, n, 2n, ... as input. >= 1
-  int threads = 1;              // does not change the result. 1 to kMaxThreads
-  bool keep_motion = false;     // between colour frames, for renders that look at other frames
+  std::string method = "ours";   // one of UpsampleMethods()
+  int key_every = 1;             // keep depth frames 0, n, 2n, ... as input. >= 1
+  int threads = 1;               // does not change the result. 1 to kMaxThreads
+  bool keep_motion = false;      // between colour frames, for renders that look at other frames
+  std::string clock = "stamps";  // how depth frames are brought onto the colour camera's clock: see ClockChoice
 
   absl::Status Validate() const;
 };
@@ -44,16 +46,19 @@ absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& 
 // What is decided once per clip.
 struct ClipPlan {
   ClipConstants constants;
+  ClipClock clock;
   std::vector<Interval> intervals;
 };
 
-absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& source);
+// From here on the clip is read through ClipSource(recording, plan.clock, options.key_every).
+absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options);
 
-// {"constants": {...}, "intervals": [{"index", "first_frame", "frame_count", "held"}], "frames": [{"index", "time_ns",
-// "stem"}]}; constants survive the round trip to the last bit.
-nlohmann::json ToJson(const ClipPlan& plan, const Sequence& sequence);
-// FailedPrecondition if the plan was made for another sequence or other options.
-absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view json, const Sequence& sequence);
+// {"constants": {...}, "clock": {...}, "intervals": [{"index", "first_frame", "frame_count", "held"}], "frames":
+// [{"index", "time_ns", "stem"}]}; constants and clock survive the round trip to the last bit.
+nlohmann::json ToJson(const ClipPlan& plan, const Sequence& recording);
+// FailedPrecondition if the plan was made for another recording or other options.
+absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view json, const Sequence& recording,
+                                       const UpsampleOptions& options);
 
 nlohmann::json ToJson(const ClipConstants& constants);
 // Throws nlohmann::json::exception for JSON that ToJson did not make.

@@ -49,6 +49,9 @@ TEST(UpsampleOptions, WrongOnesAreNamed) {
   EXPECT_THAT(message(R"({"key_every":1.5})"), HasSubstr("options.key_every = 1.5, must be a whole number"));
   EXPECT_THAT(message(R"({"key_every":4294967297})"), HasSubstr("options.key_every = 4294967297"));
   EXPECT_THAT(message(R"({"threads":-1})"), HasSubstr("options.threads = -1, must be 1 to 1024"));
+  EXPECT_THAT(message(R"({"clock":"sundial"})"), HasSubstr("options.clock: 'sundial', must be stamps, index, or"));
+  EXPECT_THAT(message(R"({"clock":"1,2,3"})"), HasSubstr("options.clock: "));
+  EXPECT_THAT(message(R"({"clock":"0,2e5"})"), HasSubstr("ClockModel.drift_ppm = 200000"));
   EXPECT_THAT(message(R"({"thread":2})"), HasSubstr("options.thread is not known"));
   EXPECT_THAT(message("[]"), HasSubstr("options: must be a JSON object"));
   EXPECT_THAT(message("{"), HasSubstr("options: "));
@@ -80,7 +83,7 @@ TEST(ClipPlan, SurvivesJsonToTheLastBit) {
   ClipPlan plan{
       .constants = {.noise_a_m = 1.0 / 3, .noise_b_per_m = 1e-300, .median_depth_m = 0.1, .warnings = {"a \"b\""}},
       .intervals = PlanIntervals(source->sequence())};
-  const auto parsed = ParseClipPlan(ToJson(plan, source->sequence()).dump(2), source->sequence());
+  const auto parsed = ParseClipPlan(ToJson(plan, source->sequence()).dump(2), source->sequence(), {});
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_EQ(parsed->constants.noise_a_m, plan.constants.noise_a_m);
   EXPECT_EQ(parsed->constants.noise_b_per_m, plan.constants.noise_b_per_m);
@@ -89,20 +92,46 @@ TEST(ClipPlan, SurvivesJsonToTheLastBit) {
   EXPECT_EQ(parsed->intervals.size(), 3U);
 }
 
+// The clock that `prepare` decided on goes with the plan: every task must see the same stamps.
+TEST(ClipPlan, CarriesItsClock) {
+  const auto source = TinySource();
+  const UpsampleOptions options{.clock = "4,1000"};
+  const auto plan = PrepareClip(*source, options);
+  ASSERT_TRUE(plan.ok()) << plan.status();
+  EXPECT_EQ(plan->clock.model.ColorTime(4'000'000), 0);
+  // The first key is now 4 ms before the first frame, the last at 28 ms: frames 8 and on are held.
+  ASSERT_EQ(plan->intervals.size(), 3U);
+  EXPECT_EQ(plan->intervals[0].frame_count, 3);
+  const auto parsed = ParseClipPlan(ToJson(*plan, source->sequence()).dump(), source->sequence(), options);
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->clock.model.offset_ns, plan->clock.model.offset_ns);
+  EXPECT_EQ(parsed->clock.model.drift_ppm, plan->clock.model.drift_ppm);
+  const ClipSource clip(*source, parsed->clock, 2);
+  ASSERT_EQ(clip.sequence().depth.size(), 2U);
+  EXPECT_EQ(clip.sequence().depth[1].time_ns, plan->clock.model.ColorTime(32'000'000));
+  EXPECT_EQ((*clip.Depth(1))(0, 0), 1.8F);
+  // Stamps so far off that nothing overlaps are refused by the option's name.
+  EXPECT_THAT(std::string(PrepareClip(*source, {.clock = "5000"}).status().message()),
+              HasSubstr("options.clock = 5000"));
+  const auto by_index = PrepareClip(*source, {.clock = "index"});
+  ASSERT_TRUE(by_index.ok()) << by_index.status();
+  EXPECT_EQ(by_index->clock.color_per_depth, 4);
+}
+
 TEST(ClipPlan, BelongsToOneSequence) {
   const auto source = TinySource();
-  const auto plan = PrepareClip(*source);
+  const auto plan = PrepareClip(*source, {});
   ASSERT_TRUE(plan.ok()) << plan.status();
   const std::string json = ToJson(*plan, source->sequence()).dump();
-  EXPECT_EQ(ParseClipPlan(json, KeepEveryNthDepth(source->sequence(), 2)).status().code(),
+  EXPECT_EQ(ParseClipPlan(json, source->sequence(), {.key_every = 2}).status().code(),
             absl::StatusCode::kFailedPrecondition);
-  EXPECT_EQ(ParseClipPlan("{}", source->sequence()).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(ParseClipPlan("{}", source->sequence(), {}).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST(RunIntervals, TellsOfEveryFrameInOrder) {
   const auto source = TinySource();
   const ScratchFolder out;
-  const auto plan = PrepareClip(*source);
+  const auto plan = PrepareClip(*source, {});
   const auto writer = ResultWriter::Create(out.path(), source->sequence());
   const auto upsampler = MakeUpsampler({.method = "linear"});
   ASSERT_TRUE(plan.ok() && writer.ok() && upsampler.ok());
@@ -127,7 +156,7 @@ TEST(RunIntervals, TellsOfEveryFrameInOrder) {
 TEST(RunIntervals, NamesIntervalsThatAreNotThere) {
   const auto source = TinySource();
   const ScratchFolder out;
-  const auto plan = PrepareClip(*source);
+  const auto plan = PrepareClip(*source, {});
   const auto writer = ResultWriter::Create(out.path(), source->sequence());
   const auto upsampler = MakeUpsampler({.method = "hold"});
   ASSERT_TRUE(plan.ok() && writer.ok() && upsampler.ok());
@@ -143,7 +172,7 @@ TEST(RunIntervals, NamesIntervalsThatAreNotThere) {
 TEST(RunIntervals, StopsWhenAsked) {
   const auto source = TinySource();
   const ScratchFolder out;
-  const auto plan = PrepareClip(*source);
+  const auto plan = PrepareClip(*source, {});
   const auto writer = ResultWriter::Create(out.path(), source->sequence());
   const auto upsampler = MakeUpsampler({.method = "hold"});
   ASSERT_TRUE(plan.ok() && writer.ok() && upsampler.ok());

@@ -1,0 +1,60 @@
+// Which clock the depth frames of a clip are taken by, and the recording as an upsampling sees it.
+#ifndef DEPTHTWEEN_CORE_TOOLS_CLIP_CLOCK_H_
+#define DEPTHTWEEN_CORE_TOOLS_CLIP_CLOCK_H_
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+#include "core/base/status.h"
+#include "core/sequence/clock.h"
+#include "core/sequence/sequence.h"
+
+namespace depthtween::tools {
+
+// What a user may ask of a clock, as text:
+//   stamps                    the stamps of the depth frames are right
+//   index                     they mean nothing: depth frame k was taken with colour frame k x ratio of the rates
+//   OFFSET_MS[,DRIFT_PPM]     the depth clock is OFFSET_MS ahead at the first colour frame and gains DRIFT_PPM
+struct ClockChoice {
+  enum class Mode { kStamps, kIndex, kGiven };
+  Mode mode = Mode::kStamps;
+  double offset_ms = 0.0, drift_ppm = 0.0;  // kGiven
+};
+
+// InvalidArgument names what may stand there.
+absl::StatusOr<ClockChoice> ParseClockChoice(std::string_view text);
+
+// The clock of one clip: what the choice comes to, decided once and then frozen.
+struct ClipClock {
+  ClockModel model;         // the identity for stamps and index
+  int color_per_depth = 0;  // > 0: pair by index
+};
+
+nlohmann::json ToJson(const ClipClock& clock);
+// The field "clock" of a clip plan or report; the identity where there is none, as in results of earlier versions.
+// Throws nlohmann::json::exception if ToJson did not make it.
+ClipClock ClockOf(const nlohmann::json& plan_or_report);
+
+// The recording as an upsampling sees it: depth frames stamped by the colour camera's clock, of which every
+// `key_every`-th is kept.
+Sequence InputOf(const Sequence& recording, const ClipClock& clock, int key_every);
+
+// The same as a source of frames. Borrows `recording`.
+class ClipSource : public FrameSource {
+ public:
+  ClipSource(const FrameSource& recording, const ClipClock& clock, int key_every)
+      : recording_(recording), key_every_(key_every), sequence_(InputOf(recording.sequence(), clock, key_every)) {}
+  const Sequence& sequence() const override { return sequence_; }
+  absl::StatusOr<Image<Rgb8>> Color(int index) const override { return recording_.Color(index); }
+  absl::StatusOr<Image<float>> Depth(int index) const override { return recording_.Depth(index * key_every_); }
+
+ private:
+  const FrameSource& recording_;
+  const int key_every_;
+  const Sequence sequence_;
+};
+
+}  // namespace depthtween::tools
+
+#endif  // DEPTHTWEEN_CORE_TOOLS_CLIP_CLOCK_H_
