@@ -14,6 +14,11 @@ const std::vector<std::string>& BaselineNames() {
   return *kNames;
 }
 
+const std::vector<std::string>& QuickBaselineNames() {
+  static const auto* const kNames = new std::vector<std::string>{"hold", "nearest", "linear", "flow-warp"};
+  return *kNames;
+}
+
 absl::StatusOr<std::unique_ptr<Upsampler>> MakeBaseline(std::string_view name) {
   if (name == "hold") return std::make_unique<PerPixelBaseline>("hold", HoldPixel);
   if (name == "nearest") return std::make_unique<PerPixelBaseline>("nearest", NearestPixel);

@@ -3,6 +3,9 @@
 //   hold       the last key
 //   nearest    the key nearer in time; the earlier one when both are as near
 //   linear     per pixel in time; the known one where one is unknown
+//   dolson, dolson-mode  Gaussian filter in position, colour and time, and its mode-seeking variant (dolson.h): seconds
+//   a
+//                        frame, where the others take milliseconds
 //   flow-warp  both keys sampled along dense colour flow and blended (flow_warp.cc)
 //
 // Frames before the first and after the last key hold that key. Each frame is answered on its own, so Run also takes a
@@ -21,8 +24,10 @@
 
 namespace depthtween {
 
-// "hold", "nearest", "linear", "flow-warp": from the weakest to the strongest.
+// All names, in the order that tables show them.
 const std::vector<std::string>& BaselineNames();
+// Those that cost less than the upsampling they are compared with: "hold", "nearest", "linear", "flow-warp".
+const std::vector<std::string>& QuickBaselineNames();
 
 // InvalidArgument lists the names if `name` is none of them.
 absl::StatusOr<std::unique_ptr<Upsampler>> MakeBaseline(std::string_view name);

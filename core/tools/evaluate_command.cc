@@ -18,6 +18,7 @@ namespace depthtween::tools {
 namespace {
 
 constexpr char kAllBaselines[] = "all";
+constexpr char kQuickBaselines[] = "quick";
 
 struct EvaluateArguments {
   EvaluationOptions options;
@@ -49,7 +50,9 @@ class FrameCounter {
 
 absl::Status RunEvaluate(const EvaluateArguments& arguments) {
   EvaluationOptions options = arguments.options;
-  if (arguments.baselines == kAllBaselines)
+  if (arguments.baselines == kQuickBaselines)
+    options.baselines = QuickBaselineNames();
+  else if (arguments.baselines == kAllBaselines)
     options.baselines = BaselineNames();
   else if (!arguments.baselines.empty())
     options.baselines = absl::StrSplit(arguments.baselines, ',');
@@ -77,10 +80,11 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
       ->required();
   command
       ->add_option("--baselines", arguments->baselines,
-                   "Also compute these on the same inputs: names with commas between them, or all of " +
-                       absl::StrJoin(BaselineNames(), ", "))
+                   "Also compute these on the same inputs: names with commas between them of " +
+                       absl::StrJoin(BaselineNames(), ", ") +
+                       "; 'all' of them (dolson and dolson-mode take seconds a frame); no name: the quick ones")
       ->expected(0, 1)
-      ->default_str(kAllBaselines)
+      ->default_str(kQuickBaselines)
       ->type_name("[NAMES]");
   command->add_flag("--json", arguments->json, "Print all scores and curves as JSON");
   command->add_option("--worst", arguments->worst_frames, "Also list the N frames of largest RMSE")

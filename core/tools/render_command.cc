@@ -21,6 +21,7 @@
 #include "core/tools/progress_bar.h"
 #include "core/tools/render_run.h"
 #include "core/tools/signals.h"
+#include "core/tools/upsample_flags.h"
 #include "core/tools/upsample_run.h"
 #include "core/tools/write_queue.h"
 
@@ -52,7 +53,8 @@ struct RenderArguments {
   bool dof = false, stereo = false, force = false;
   json dof_options = json::object(), stereo_options = json::object();
   std::string frame_format;
-  int threads = 1;
+  UpsampleOptions upsample;  // of a recording; its threads are those of all
+  std::vector<CLI::Option*> upsample_flags;
 };
 
 // Puts the value of an option where the JSON form of the options has it.
@@ -108,9 +110,10 @@ class TemporaryResult {
   }
 
   // Upsamples the recording into a folder beside `out`.
-  absl::Status Make(const std::string& recording, const std::string& out, int threads, const std::stop_token& stop) {
+  absl::Status Make(const std::string& recording, const std::string& out, UpsampleOptions options,
+                    const std::stop_token& stop) {
     dir_ = absl::StrCat(fs::path(out).lexically_normal().string(), ".", getpid(), ".depth");
-    UpsampleOptions options = {.threads = threads, .keep_motion = true};
+    options.keep_motion = true;
     ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
     ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> source, SequenceFolder::Open(recording));
     ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(dir_, source->sequence(), true));
@@ -173,8 +176,13 @@ absl::Status Render(const RenderArguments& arguments) {
     ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(sequence));
     ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, folder->sequence(), "options"));
     RETURN_IF_ERROR(CheckOutput(FilesOf(arguments, options, plan), arguments.force));
-    RETURN_IF_ERROR(temporary.Make(sequence, arguments.out, arguments.threads, signals.token()));
+    RETURN_IF_ERROR(temporary.Make(sequence, arguments.out, arguments.upsample, signals.token()));
     result = temporary.dir();
+  } else {
+    for (const CLI::Option* flag : arguments.upsample_flags)
+      if (flag->count() > 0)
+        return absl::InvalidArgumentError(
+            absl::StrCat(flag->get_name(), " is about upsampling, and ", arguments.input, " is upsampled already"));
   }
   ASSIGN_OR_RETURN(const FinishedClip clip, OpenFinishedClip(result, sequence));
   ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, clip.input, "options"));
@@ -203,13 +211,13 @@ absl::Status Render(const RenderArguments& arguments) {
     ProgressBar progress(progress_plan);
     progress.OnStage(0, arguments.dof ? "depth of field" : "stereo");
     // Videos take their frames one after the other.
-    WriteQueue queue(videos ? 1 : arguments.threads, [&](int frame) { progress.OnFrame(0, frame); });
+    WriteQueue queue(videos ? 1 : arguments.upsample.threads, [&](int frame) { progress.OnFrame(0, frame); });
     const auto sink = [&](int frame, std::vector<Image<Rgb8>> pictures) {
       return queue.Add(frame, [&, frame, pictures = std::move(pictures)] {
         return videos ? videos->Write(frame, pictures) : folders->Write(clip.input.color[frame].Stem(), pictures);
       });
     };
-    ASSIGN_OR_RETURN(part, renderer->Run(0, frame_count, nullptr, arguments.threads, signals.token(), sink));
+    ASSIGN_OR_RETURN(part, renderer->Run(0, frame_count, nullptr, arguments.upsample.threads, signals.token(), sink));
     RETURN_IF_ERROR(queue.Finish());
   }
   if (videos) RETURN_IF_ERROR(videos->Finish());
@@ -227,9 +235,9 @@ absl::Status Render(const RenderArguments& arguments) {
 
 void AddRenderCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<RenderArguments>();
-  arguments->threads = AvailableThreads();
+  arguments->upsample.threads = AvailableThreads();
   CLI::App* const command = app.add_subcommand("render", "Make pictures of depth: depth of field, or a second eye");
-  command->footer(kFooter);
+  command->footer(kFooter + ("\n" + PresetHelp()));
   command->add_option("input", arguments->input, "Recording, or folder that upsample wrote")
       ->required()
       ->type_name("SEQ");
@@ -239,11 +247,12 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
   command->add_option("--sequence", arguments->sequence, "The recording, if it is no longer where upsample read it")
       ->type_name("SEQ");
   command->add_option("--frames", arguments->frame_format, "Of a folder: png (default) or jpeg")->type_name("FORMAT");
-  command->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
+  command->add_option("--threads", arguments->upsample.threads, "Threads to use; the result does not depend on it")
       ->capture_default_str()
       ->check(CLI::Range(1, kMaxThreads))
       ->type_name("N");
   command->add_flag("--force", arguments->force, "Replace what is at OUT");
+  arguments->upsample_flags = AddQualityFlags(*command, arguments->upsample);
 
   json& dof = arguments->dof_options;
   const std::string lens = "Depth of field";

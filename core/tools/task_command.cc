@@ -328,7 +328,8 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
     return step;
   };
   const auto add_options = [&](CLI::App* step) {
-    step->add_option("--options", arguments->options, "JSON file: method, key_every, threads, keep_motion, renders")
+    step->add_option("--options", arguments->options,
+                     "JSON file: method, key_every, threads, preset, without..., renders")
         ->required()
         ->type_name("FILE");
   };

@@ -11,6 +11,7 @@
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
 #include "core/tools/signals.h"
+#include "core/tools/upsample_flags.h"
 #include "core/tools/upsample_run.h"
 
 namespace depthtween::tools {
@@ -89,8 +90,11 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
   command->footer(
       "OUT gets depth/, uncertainty/ and provenance/ PNGs named as the colour frames, depth.txt, camera.json and\n"
       "report.json.\n"
+      "\n" +
+      PresetHelp() +
       "\n"
       "Example:  depthtween-core upsample recording -o result\n"
+      "Example:  depthtween-core upsample recording -o look --preset fast\n"
       "Example:  depthtween-core upsample recording -o result --key-every 4    (then evaluate against the rest)\n");
   command->add_option("sequence", arguments->sequence, "Sequence folder to read")->required()->type_name("SEQ");
   command->add_option("-o,--out", arguments->out, "Folder to write the result to")->required()->type_name("OUT");
@@ -106,6 +110,7 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str()
       ->check(CLI::Range(1, kMaxThreads))
       ->type_name("N");
+  AddQualityFlags(*command, arguments->options);
   command->add_flag(
       "--keep-motion", arguments->options.keep_motion,
       "Keep the motion between frames too (motion/*.npz): `render` then looks behind edges in other frames");

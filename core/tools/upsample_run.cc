@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/baselines/baselines.h"
+#include "core/tools/render_options.h"
 #include "core/tools/write_queue.h"
 #include "core/upsample/pipeline.h"
 
@@ -35,6 +36,9 @@ auto ParseJson(std::string_view text, const char* what, Read read) -> decltype(r
   }
 }
 
+// Bytes that are not UTF-8 are replaced.
+std::string Dump(const json& value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); }
+
 json IntervalToJson(const Interval& interval) {
   return {{"index", interval.index},
           {"first_frame", interval.first_frame},
@@ -54,23 +58,36 @@ const std::vector<std::string>& UpsampleMethods() {
 }
 
 absl::Status UpsampleOptions::Validate() const {
-  const std::vector<std::string>& methods = UpsampleMethods();
-  if (std::find(methods.begin(), methods.end(), method) == methods.end())
-    return absl::InvalidArgumentError(
-        absl::StrFormat("options.method = '%s', must be one of: %s", method, absl::StrJoin(methods, ", ")));
+  const auto contains = [](const std::vector<std::string>& names, const std::string& name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  const auto list = [](const std::vector<std::string>& names) { return absl::StrJoin(names, ", "); };
+  if (!contains(UpsampleMethods(), method))
+    return FieldError("options.method", absl::StrFormat("= '%s', must be one of: %s", method, list(UpsampleMethods())));
   if (key_every < 1)
-    return absl::InvalidArgumentError(
-        absl::StrFormat("options.key_every = %d, must be at least 1 (1 keeps every depth frame)", key_every));
+    return FieldError("options.key_every",
+                      absl::StrFormat("= %d, must be at least 1 (1 keeps every depth frame)", key_every));
   if (threads < 1 || threads > kMaxThreads)
-    return absl::InvalidArgumentError(absl::StrFormat("options.threads = %d, must be 1 to %d", threads, kMaxThreads));
+    return FieldError("options.threads", absl::StrFormat("= %d, must be 1 to %d", threads, kMaxThreads));
+  if (!contains(PresetNames(), preset))
+    return FieldError("options.preset", absl::StrFormat("= '%s', must be one of: %s", preset, list(PresetNames())));
+  for (const std::string& part : without)
+    if (!contains(PartNames(), part))
+      return FieldError("options.without", absl::StrFormat("has '%s', must be some of: %s", part, list(PartNames())));
+  const UpsampleOptions defaults;
+  const auto only_ours = [&](const char* field) {
+    return FieldError(absl::StrCat("options.", field),
+                      absl::StrFormat("is for method 'ours' alone, and the method is '%s'", method));
+  };
+  if (method != "ours" && preset != defaults.preset) return only_ours("preset");
+  if (method != "ours" && !without.empty()) return only_ours("without");
   return WithContext(ParseClockChoice(clock).status(), "options.clock");
 }
 
 json ToJson(const UpsampleOptions& options) {
-  return {{"method", options.method},
-          {"key_every", options.key_every},
-          {"threads", options.threads},
-          {"keep_motion", options.keep_motion},
+  return {{"method", options.method},   {"key_every", options.key_every},
+          {"threads", options.threads}, {"keep_motion", options.keep_motion},
+          {"preset", options.preset},   {"without", options.without},
           {"clock", options.clock}};
 }
 
@@ -78,35 +95,50 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
   return ParseJson(text, "options", [](const json& value) -> absl::StatusOr<UpsampleOptions> {
     UpsampleOptions options;
     for (const auto& [field, entry] : value.items()) {
-      const auto read_int = [&entry = entry, &field = field](int& out) {
+      const auto wrong = [&entry = entry, &field = field](const char* rule) {
+        return FieldError("options." + field, absl::StrFormat("= %s, must be %s", Dump(entry), rule));
+      };
+      const auto read_int = [&](int& out) {
         if (!entry.is_number_integer() || entry.get<json::number_integer_t>() != entry.get<int>())
-          return absl::InvalidArgumentError(
-              absl::StrFormat("options.%s = %s, must be a whole number", field, entry.dump()));
+          return wrong("a whole number");
         out = entry.get<int>();
         return absl::OkStatus();
       };
-      const auto read_string = [&entry = entry, &field = field](std::string& out) {
-        if (!entry.is_string())
-          return absl::InvalidArgumentError(absl::StrFormat("options.%s = %s, must be a string", field, entry.dump()));
+      const auto read_text = [&](std::string& out) {
+        if (!entry.is_string()) return wrong("a string");
         out = entry.get<std::string>();
         return absl::OkStatus();
       };
+      const auto read_flag = [&](bool& out) {
+        if (!entry.is_boolean()) return wrong("true or false");
+        out = entry.get<bool>();
+        return absl::OkStatus();
+      };
+      const auto read_texts = [&](std::vector<std::string>& out) {
+        if (!entry.is_array() || !std::all_of(entry.begin(), entry.end(), [](const json& e) { return e.is_string(); }))
+          return wrong("a list of strings");
+        out = entry.get<std::vector<std::string>>();
+        return absl::OkStatus();
+      };
       if (field == "method") {
-        RETURN_IF_ERROR(read_string(options.method));
+        RETURN_IF_ERROR(read_text(options.method));
       } else if (field == "clock") {
-        RETURN_IF_ERROR(read_string(options.clock));
+        RETURN_IF_ERROR(read_text(options.clock));
       } else if (field == "key_every") {
         RETURN_IF_ERROR(read_int(options.key_every));
       } else if (field == "threads") {
         RETURN_IF_ERROR(read_int(options.threads));
       } else if (field == "keep_motion") {
-        if (!entry.is_boolean())
-          return absl::InvalidArgumentError(
-              absl::StrFormat("options.%s = %s, must be true or false", field, entry.dump()));
-        options.keep_motion = entry.get<bool>();
+        RETURN_IF_ERROR(read_flag(options.keep_motion));
+      } else if (field == "preset") {
+        RETURN_IF_ERROR(read_text(options.preset));
+      } else if (field == "without") {
+        RETURN_IF_ERROR(read_texts(options.without));
       } else {
-        return absl::InvalidArgumentError(absl::StrFormat(
-            "options.%s is not known: the options are method, key_every, threads, keep_motion and clock", field));
+        std::vector<std::string> known;
+        for (const auto& [name, unused] : ToJson(UpsampleOptions()).items()) known.push_back(name);
+        return FieldError("options." + field,
+                          absl::StrCat("is not known: the options are ", absl::StrJoin(known, ", ")));
       }
     }
     RETURN_IF_ERROR(options.Validate());
@@ -116,8 +148,11 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
 
 absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options) {
   RETURN_IF_ERROR(options.Validate());
-  if (options.method == "ours") return MakePipeline();
-  return MakeBaseline(options.method);
+  if (options.method != "ours") return MakeBaseline(options.method);
+  ASSIGN_OR_RETURN(PipelineOptions pipeline, PipelineOptions::ForPreset(options.preset));
+  for (const std::string& part : options.without) RETURN_IF_ERROR(pipeline.SwitchOff(part));
+  RETURN_IF_ERROR(pipeline.Validate());
+  return MakePipeline(pipeline);
 }
 
 namespace {

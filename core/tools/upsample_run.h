@@ -29,7 +29,11 @@ struct UpsampleOptions {
   int threads = 1;               // does not change the result. 1 to kMaxThreads
   bool keep_motion = false;      // between colour frames, for renders that look at other frames
   std::string clock = "stamps";  // how depth frames are brought onto the colour camera's clock: see ClockChoice
+  // Of method "ours" alone; with another they must stay as they are here.
+  std::string preset = "balanced";   // one of PresetNames(): what accuracy may cost
+  std::vector<std::string> without;  // of PartNames(): stages left out, to learn what each is worth
 
+  // InvalidArgument about "options.FIELD", which FieldOf (render_options.h) gives.
   absl::Status Validate() const;
 };
 

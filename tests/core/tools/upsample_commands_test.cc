@@ -105,6 +105,31 @@ TEST(UpsampleCommand, ReportsWhatItDid) {
   EXPECT_FALSE(fs::exists(scratch / "out/rgb")) << "colour is not copied";
 }
 
+// What was asked for must reach the pipeline: without the median the bits are others, and the report says so.
+TEST(UpsampleCommand, PresetsAndPartsReachThePipeline) {
+  const ScratchFolder scratch;
+  WriteTinyRecording(scratch / "recording", 64, 48, 20);
+  const auto depth_of = [&](const std::string& name, const std::vector<std::string>& flags) {
+    std::vector<std::string> command = {"upsample", scratch / "recording", "-o", scratch / name};
+    command.insert(command.end(), flags.begin(), flags.end());
+    const ToolResult run = RunTool(command);
+    EXPECT_EQ(run.exit_code, 0) << run.err;
+    return FilesBelow(scratch / (name + "/depth"));
+  };
+  const auto balanced = depth_of("balanced", {});
+  EXPECT_EQ(depth_of("named", {"--preset", "balanced"}), balanced);
+  EXPECT_NE(depth_of("fast", {"--preset", "fast"}), balanced);
+  EXPECT_NE(depth_of("bare", {"--without", "median,propagation"}), balanced);
+  const json options = json::parse(ReadFile(scratch / "bare/report.json").value()).at("options");
+  EXPECT_EQ(options.at("without"), json({"median", "propagation"}));
+
+  const ToolResult mixed =
+      RunTool({"upsample", scratch / "recording", "-o", scratch / "x", "--method", "hold", "--preset", "fast"});
+  EXPECT_EQ(mixed.exit_code, 1);
+  EXPECT_THAT(mixed.err, HasSubstr("options.preset is for method 'ours' alone"));
+  EXPECT_FALSE(fs::exists(scratch / "x"));
+}
+
 TEST(UpsampleCommand, ReplacesAResultOnlyWhenForced) {
   const ScratchFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 12);
@@ -147,6 +172,10 @@ TEST(UpsampleCommand, ExitCodesTellUsageFromFailure) {
   EXPECT_EQ(method.exit_code, 2);
   EXPECT_THAT(method.err, HasSubstr("magic"));
   EXPECT_EQ(RunTool({"upsample", "x", "-o", "y", "--key-every", "0"}).exit_code, 2);
+  EXPECT_EQ(RunTool({"upsample", "x", "-o", "y", "--preset", "turbo"}).exit_code, 2);
+  const ToolResult part = RunTool({"upsample", "x", "-o", "y", "--without", "draw,luck"});
+  EXPECT_EQ(part.exit_code, 2);
+  EXPECT_THAT(part.err, HasSubstr("luck"));
   const ToolResult missing = RunTool({"upsample", "/no/such/folder", "-o", "/no/such/out"});
   EXPECT_EQ(missing.exit_code, 1);
   EXPECT_THAT(missing.err, HasSubstr("/no/such/folder"));

@@ -5,7 +5,11 @@
 
 #include <atomic>
 
+#include "absl/strings/str_join.h"
 #include "core/tools/progress_bar.h"
+#include "core/tools/render_options.h"
+#include "core/tools/upsample_flags.h"
+#include "core/upsample/pipeline.h"
 #include "tests/core/tools/tool_process.h"
 
 namespace depthtween::tools {
@@ -53,11 +57,48 @@ TEST(UpsampleOptions, WrongOnesAreNamed) {
   EXPECT_THAT(message(R"({"clock":"1,2,3"})"), HasSubstr("options.clock: "));
   EXPECT_THAT(message(R"({"clock":"0,2e5"})"), HasSubstr("ClockModel.drift_ppm = 200000"));
   EXPECT_THAT(message(R"({"thread":2})"), HasSubstr("options.thread is not known"));
+  EXPECT_THAT(message(R"({"preset":"turbo"})"),
+              HasSubstr("options.preset = 'turbo', must be one of: " + absl::StrJoin(PresetNames(), ", ")));
+  EXPECT_THAT(message(R"({"preset":1})"), HasSubstr("options.preset = 1, must be a string"));
+  EXPECT_THAT(message(R"({"without":["draw","luck"]})"),
+              HasSubstr("options.without has 'luck', must be some of: " + absl::StrJoin(PartNames(), ", ")));
+  EXPECT_THAT(message(R"({"without":"draw"})"), HasSubstr("options.without = \"draw\", must be a list of strings"));
   EXPECT_THAT(message("[]"), HasSubstr("options: must be a JSON object"));
   EXPECT_THAT(message("{"), HasSubstr("options: "));
 }
 
+// A server passes the field on to whoever ordered the job.
+TEST(UpsampleOptions, WrongOnesNameTheirFieldToPrograms) {
+  const auto field = [](const char* json) { return FieldOf(ParseUpsampleOptions(json).status()); };
+  EXPECT_EQ(field(R"({"preset":"turbo"})"), "options.preset");
+  EXPECT_EQ(field(R"({"without":["luck"]})"), "options.without");
+  EXPECT_EQ(field(R"({"thread":2})"), "options.thread");
+}
+
+// Baselines have neither presets nor stages: an option that would change nothing is a mistake.
+TEST(UpsampleOptions, PresetsAndPartsAreOursAlone) {
+  const auto message = [](const UpsampleOptions& options) { return std::string(options.Validate().message()); };
+  EXPECT_THAT(message({.method = "hold", .preset = "fast"}),
+              HasSubstr("options.preset is for method 'ours' alone, and the method is 'hold'"));
+  EXPECT_THAT(message({.method = "linear", .without = {"draw"}}), HasSubstr("options.without is for method 'ours'"));
+  EXPECT_EQ(message({.preset = "fast", .without = {"draw"}}), "");
+}
+
+TEST(UpsampleOptions, EveryPresetAndPartCanBeMade) {
+  for (const std::string& preset : PresetNames()) {
+    const auto upsampler = MakeUpsampler({.preset = preset, .without = PartNames()});
+    ASSERT_TRUE(upsampler.ok()) << upsampler.status();
+    EXPECT_EQ((*upsampler)->name(), "ours");
+    EXPECT_THAT(PresetHelp(), HasSubstr("\n  " + preset + " ")) << "--help says what each trades";
+  }
+}
+
 TEST(UpsampleOptions, SurviveJson) {
+  const auto ours =
+      ParseUpsampleOptions(ToJson(UpsampleOptions{.preset = "fast", .without = {"draw", "median"}}).dump());
+  ASSERT_TRUE(ours.ok()) << ours.status();
+  EXPECT_EQ(ours->preset, "fast");
+  EXPECT_THAT(ours->without, ElementsAre("draw", "median"));
   const auto parsed =
       ParseUpsampleOptions(ToJson(UpsampleOptions{.method = "linear", .key_every = 8, .threads = 3}).dump());
   ASSERT_TRUE(parsed.ok()) << parsed.status();
@@ -67,6 +108,8 @@ TEST(UpsampleOptions, SurviveJson) {
   const auto defaults = ParseUpsampleOptions("{}");
   ASSERT_TRUE(defaults.ok()) << defaults.status();
   EXPECT_EQ(defaults->method, "ours");
+  EXPECT_EQ(defaults->preset, "balanced");
+  EXPECT_TRUE(defaults->without.empty());
 }
 
 TEST(UpsampleOptions, EveryMethodCanBeMade) {

@@ -1,0 +1,34 @@
+#include "core/tools/upsample_flags.h"
+
+#include "absl/strings/str_join.h"
+#include "core/upsample/pipeline.h"
+
+namespace depthtween::tools {
+
+std::vector<CLI::Option*> AddQualityFlags(CLI::App& command, UpsampleOptions& options) {
+  const std::string group = "Accuracy and time (method ours)";
+  std::vector<CLI::Option*> added;
+  added.push_back(command.add_option("--preset", options.preset, "What accuracy may cost: see below")
+                      ->capture_default_str()
+                      ->check(CLI::IsMember(PresetNames()))
+                      ->type_name(absl::StrJoin(PresetNames(), "|"))
+                      ->group(group));
+  added.push_back(command
+                      .add_option("--without", options.without,
+                                  "Leave stages out, to learn what each is worth: names with commas between them, of " +
+                                      absl::StrJoin(PartNames(), ", "))
+                      ->delimiter(',')
+                      ->check(CLI::IsMember(PartNames()))
+                      ->type_name("NAMES")
+                      ->group(group));
+  return added;
+}
+
+std::string PresetHelp() {
+  return "Presets, from the fastest to the most accurate:\n"
+         "  fast      motion at half resolution and fewer proposals: a first look; edges of moving things suffer\n"
+         "  balanced  the default\n"
+         "  best      searches longer where frames are hard to match: takes longest, gains a little at edges\n";
+}
+
+}  // namespace depthtween::tools
