@@ -22,11 +22,14 @@ namespace {
 using Method = v1::UpsampleOptions::Method;
 
 // As `depthtween-core upsample` names them.
-const std::map<std::string, Method> kMethods = {{"ours", v1::UpsampleOptions::METHOD_OURS},
-                                                {"hold", v1::UpsampleOptions::METHOD_HOLD},
-                                                {"nearest", v1::UpsampleOptions::METHOD_NEAREST},
-                                                {"linear", v1::UpsampleOptions::METHOD_LINEAR},
-                                                {"flow-warp", v1::UpsampleOptions::METHOD_FLOW_WARP}};
+const std::map<std::string, Method> kMethods = {
+    {"ours", v1::UpsampleOptions::METHOD_OURS},          {"hold", v1::UpsampleOptions::METHOD_HOLD},
+    {"nearest", v1::UpsampleOptions::METHOD_NEAREST},    {"linear", v1::UpsampleOptions::METHOD_LINEAR},
+    {"dolson", v1::UpsampleOptions::METHOD_DOLSON},      {"dolson-mode", v1::UpsampleOptions::METHOD_DOLSON_MODE},
+    {"flow-warp", v1::UpsampleOptions::METHOD_FLOW_WARP}};
+const std::map<std::string, v1::UpsampleOptions::Preset> kPresets = {{"fast", v1::UpsampleOptions::PRESET_FAST},
+                                                                     {"balanced", v1::UpsampleOptions::PRESET_BALANCED},
+                                                                     {"best", v1::UpsampleOptions::PRESET_BEST}};
 
 struct SubmitOptions {
   CommonOptions common;
@@ -37,6 +40,8 @@ struct SubmitOptions {
   std::string method = "ours";
   int key_every = 1;
   int threads = 0;
+  std::string preset = "balanced";
+  std::vector<std::string> without;
   RenderFlags renders;
   v1::RenderOptions::Container container = v1::RenderOptions::CONTAINER_UNSPECIFIED;
 };
@@ -154,6 +159,8 @@ int Submit(const SubmitOptions& options, SubmitResult& result) {
   order.mutable_options()->set_method(kMethods.at(options.method));
   order.mutable_options()->set_key_every(options.key_every);
   order.mutable_options()->set_threads(options.threads);
+  order.mutable_options()->set_preset(kPresets.at(options.preset));
+  order.mutable_options()->mutable_without()->Assign(options.without.begin(), options.without.end());
   for (const v1::RenderOptions& render : *renders) *order.add_renders() = render;
   absl::StatusOr<v1::Job> job = client::SubmitJob(**connection, order);
   if (!job.ok()) return Report(job.status());
@@ -186,7 +193,7 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
   command->add_flag("--wait", options->wait, "Return when the job has ended, with its outcome as exit code");
   std::vector<std::string> methods;
   for (const auto& [name, method] : kMethods) methods.push_back(name);
-  command->add_option("--method", options->method, "How: ours, hold, nearest, linear, flow-warp")
+  command->add_option("--method", options->method, "How: ours, hold, nearest, linear, dolson, dolson-mode, flow-warp")
       ->type_name("NAME")
       ->check(CLI::IsMember(methods))
       ->capture_default_str();
@@ -198,6 +205,18 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       ->type_name("N")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
+  std::vector<std::string> presets;
+  for (const auto& [name, preset] : kPresets) presets.push_back(name);
+  command->add_option("--preset", options->preset, "What accuracy may cost, for method ours: fast, balanced, best")
+      ->type_name("NAME")
+      ->check(CLI::IsMember(presets))
+      ->capture_default_str();
+  command
+      ->add_option("--without", options->without,
+                   "Leave stages of method ours out, to learn what each is worth: settle, draw, propagation, median, "
+                   "witnesses; names with commas between them")
+      ->delimiter(',')
+      ->type_name("NAMES");
   AddRenderFlags(*command, options->renders);
   command
       ->add_option_function<std::string>(

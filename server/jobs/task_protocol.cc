@@ -121,6 +121,8 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
 
 std::string OptionsJson(const UpsampleOptions& options, const std::vector<RenderRecord>& renders) {
   json value = {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
+  // The other methods have neither.
+  if (options.method == "ours") value["preset"] = options.preset, value["without"] = options.without;
   if (!renders.empty()) {
     value["keep_motion"] =
         std::any_of(renders.begin(), renders.end(), [](const RenderRecord& render) { return render.uses_motion; });

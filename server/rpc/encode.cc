@@ -116,6 +116,14 @@ constexpr std::pair<v1::UpsampleOptions::Method, std::string_view> kMethods[] = 
     {v1::UpsampleOptions::METHOD_UNSPECIFIED, "ours"}, {v1::UpsampleOptions::METHOD_OURS, "ours"},
     {v1::UpsampleOptions::METHOD_HOLD, "hold"},        {v1::UpsampleOptions::METHOD_NEAREST, "nearest"},
     {v1::UpsampleOptions::METHOD_LINEAR, "linear"},    {v1::UpsampleOptions::METHOD_FLOW_WARP, "flow-warp"},
+    {v1::UpsampleOptions::METHOD_DOLSON, "dolson"},    {v1::UpsampleOptions::METHOD_DOLSON_MODE, "dolson-mode"},
+};
+
+constexpr std::pair<v1::UpsampleOptions::Preset, std::string_view> kPresets[] = {
+    {v1::UpsampleOptions::PRESET_UNSPECIFIED, "balanced"},
+    {v1::UpsampleOptions::PRESET_FAST, "fast"},
+    {v1::UpsampleOptions::PRESET_BALANCED, "balanced"},
+    {v1::UpsampleOptions::PRESET_BEST, "best"},
 };
 
 v1::UpsampleOptions Encode(const UpsampleOptions& options) {
@@ -125,6 +133,10 @@ v1::UpsampleOptions Encode(const UpsampleOptions& options) {
   }
   message.set_key_every(options.key_every);
   message.set_threads(options.threads);
+  for (const auto& [preset, name] : kPresets) {
+    if (options.preset == name) message.set_preset(preset);
+  }
+  message.mutable_without()->Assign(options.without.begin(), options.without.end());
   return message;
 }
 
@@ -236,6 +248,14 @@ absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
                         absl::StrCat("= ", options.threads(), ", must be >= 0 (0 means that the server decides)"));
   }
   result.threads = options.threads();
+  const auto* preset = std::find_if(std::begin(kPresets), std::end(kPresets),
+                                    [&](const auto& entry) { return entry.first == options.preset(); });
+  if (preset == std::end(kPresets)) {
+    return InvalidField("job.options.preset", absl::StrCat("= ", static_cast<int>(options.preset()),
+                                                           ", must be a preset that this server knows"));
+  }
+  result.preset = preset->second;
+  result.without.assign(options.without().begin(), options.without().end());
   return result;
 }
 

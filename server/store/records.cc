@@ -67,15 +67,25 @@ bool JobRecord::IsComputed() const {
 }
 
 absl::Status UpsampleOptions::Validate() const {
-  static constexpr std::array<std::string_view, 5> kMethods = {"ours", "hold", "nearest", "linear", "flow-warp"};
+  using Names = std::vector<std::string>;
+  static const auto& methods = *new Names{"ours", "hold", "nearest", "linear", "dolson", "dolson-mode", "flow-warp"};
+  static const auto& presets = *new Names{"fast", "balanced", "best"};
+  static const auto& parts = *new Names{"settle", "draw", "propagation", "median", "witnesses"};
   constexpr int kMaxThreads = 256;
   const auto bad = [](const std::string& field, const std::string& message) {
     return BadField("job.options." + field, absl::StrCat("UpsampleOptions.", field, " ", message));
   };
-  if (std::find(kMethods.begin(), kMethods.end(), method) == kMethods.end()) {
-    return bad("method",
-               absl::StrCat("= \"", absl::CEscape(method), "\", must be ours, hold, nearest, linear or flow-warp"));
-  }
+  const auto check = [&](const char* field, const std::string& name, const Names& known) {
+    if (std::find(known.begin(), known.end(), name) != known.end()) return absl::OkStatus();
+    return bad(field, absl::StrCat("= \"", absl::CEscape(name), "\", must be one of: ", absl::StrJoin(known, ", ")));
+  };
+  RETURN_IF_ERROR(check("method", method, methods));
+  RETURN_IF_ERROR(check("preset", preset, presets));
+  for (const std::string& part : without) RETURN_IF_ERROR(check("without", part, parts));
+  if (method != "ours" && preset != UpsampleOptions().preset)
+    return bad("preset", absl::StrCat("is for method \"ours\" alone, and the method is \"", method, "\""));
+  if (method != "ours" && !without.empty())
+    return bad("without", absl::StrCat("is for method \"ours\" alone, and the method is \"", method, "\""));
   if (key_every < 1) return bad("key_every", absl::StrCat("= ", key_every, ", must be >= 1"));
   if (threads < 0 || threads > kMaxThreads) {
     return bad("threads", absl::StrCat("= ", threads, ", must be 0 (the server decides) to ", kMaxThreads));

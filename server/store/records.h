@@ -91,9 +91,12 @@ std::string_view ToString(JobState state);
 
 // The options of `depthtween-core upsample`.
 struct UpsampleOptions {
-  std::string method = "ours";  // ours, hold, nearest, linear, flow-warp
+  std::string method = "ours";  // ours, hold, nearest, linear, dolson, dolson-mode, flow-warp
   int key_every = 1;            // every n-th depth frame is input
   int threads = 0;              // of each child; 0: the server decides. The bits do not depend on it.
+  // Of method "ours" alone.
+  std::string preset = "balanced";   // fast, balanced, best
+  std::vector<std::string> without;  // stages left out, as depthtween-core names them
 
   // InvalidArgument with field, value and rule.
   absl::Status Validate() const;

@@ -1,5 +1,7 @@
 // Jobs as their owners see them.
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "server/store/error_info.h"
 #include "server/store/records_json.h"
 #include "server/store/sha256.h"
@@ -14,7 +16,7 @@ constexpr char kJobColumns[] =
     "SELECT id, number, display_name, sequence_id, method, key_every, threads, recording, state, attempt, error_code, "
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, "
-    "interval_seconds, depth_from, "
+    "interval_seconds, depth_from, preset, without, "
     "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
@@ -26,7 +28,11 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .number = row.Int64(1),
                    .display_name = row.Text(2),
                    .sequence_id = row.Text(3),
-                   .options = {.method = row.Text(4), .key_every = row.Int(5), .threads = row.Int(6)},
+                   .options = {.method = row.Text(4),
+                               .key_every = row.Int(5),
+                               .threads = row.Int(6),
+                               .preset = row.Text(21),
+                               .without = absl::StrSplit(row.Text(22), ',', absl::SkipEmpty())},
                    .depth_from = row.Text(20),
                    .state = static_cast<JobState>(row.Int(8)),
                    .attempt = row.Int(9),
@@ -39,7 +45,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(21);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(23);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
   return job;
 }
@@ -48,7 +54,9 @@ std::string Fingerprint(const NewJob& job) {
   Sha256 hash;
   hash.Update(absl::StrCat(job.sequence_id, "\n", job.options.method, "\n", job.options.key_every, "\n",
                            job.options.threads, "\n", job.display_name));
-  // Jobs without renders keep the fingerprint they had before there were any.
+  // Jobs without what came later keep the fingerprint they had before.
+  if (job.options.preset != UpsampleOptions().preset) hash.Update("\npreset " + job.options.preset);
+  for (const std::string& part : job.options.without) hash.Update("\nwithout " + part);
   if (!job.depth_from.empty()) hash.Update(absl::StrCat("\ndepth_from ", job.depth_from));
   for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
   return Hex(hash.Finish());
@@ -98,10 +106,11 @@ absl::Status SqliteStore::CheckDepthFrom(const NewJob& job) {
                                                          ", must be SUCCEEDED before its depth can be taken over"));
   }
   if (from.sequence_id != job.sequence_id || from.options.method != job.options.method ||
-      from.options.key_every != job.options.key_every) {
-    return BadField(
-        "job.depth_from",
-        absl::StrCat("job.depth_from = ", name, ", must have the sequence, the method and the key_every of this job"));
+      from.options.key_every != job.options.key_every || from.options.preset != job.options.preset ||
+      from.options.without != job.options.without) {
+    return BadField("job.depth_from",
+                    absl::StrCat("job.depth_from = ", name,
+                                 ", must have the sequence of this job and all of its options but threads"));
   }
   return absl::OkStatus();
 }
@@ -151,10 +160,11 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
-        "create_time_us, depth_from) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "create_time_us, depth_from, preset, without) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
-         job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from}));
+         job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
+         job.options.preset, absl::StrJoin(job.options.without, ",")}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(

@@ -45,7 +45,8 @@ TEST_F(JobManagerTest, WholeLife) {
     EXPECT_EQ(Frame(job, "provenance", frame.stem), "provenance " + std::to_string(frame.index));
   }
   // fake_core reports the options it was given; threads is what the server decided.
-  EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))), R"({"key_every":2,"method":"ours","threads":1})");
+  EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
+            R"({"key_every":2,"method":"ours","preset":"balanced","threads":1,"without":[]})");
   WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
 
   EXPECT_THAT(jobs_->Delete(job), IsOk());

@@ -28,7 +28,10 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
       ElementsAre("core", "task", "render", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--constants",
                   "C", "--first", "4", "--count", "2", "--render", "dof", "--result", "R", "--out", "D"));
   EXPECT_EQ(OptionsJson({}, {{.options = R"({"name":"a"})"}, {.options = "{}", .uses_motion = true}}),
-            R"({"keep_motion":true,"key_every":1,"method":"ours","renders":[{"name":"a"},{}],"threads":0})");
+            R"({"keep_motion":true,"key_every":1,"method":"ours","preset":"balanced","renders":[{"name":"a"},{}],)"
+            R"("threads":0,"without":[]})");
+  EXPECT_EQ(OptionsJson({.preset = "fast", .without = {"draw"}}),
+            R"({"key_every":1,"method":"ours","preset":"fast","threads":0,"without":["draw"]})");
   EXPECT_EQ(OptionsJson({.method = "hold", .key_every = 3, .threads = 2}),
             R"({"key_every":3,"method":"hold","threads":2})");
 }

@@ -121,6 +121,16 @@ TEST_F(JobServiceTest, BadRequestsNameTheirField) {
   request = Request(sequence.name());
   request.mutable_job()->mutable_options()->set_method(static_cast<v1::UpsampleOptions::Method>(77));
   EXPECT_THAT(Create(request, &job), FailsAtField("job.options.method"));
+  request = Request(sequence.name());
+  request.mutable_job()->mutable_options()->set_preset(static_cast<v1::UpsampleOptions::Preset>(77));
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.preset"));
+  request.mutable_job()->mutable_options()->set_preset(v1::UpsampleOptions::PRESET_FAST);
+  request.mutable_job()->mutable_options()->add_without("luck");
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.without"));
+  request.mutable_job()->mutable_options()->set_without(0, "draw");
+  ASSERT_THAT(Create(request, &job), Succeeds());
+  EXPECT_EQ(job.options().preset(), v1::UpsampleOptions::PRESET_FAST);
+  EXPECT_EQ(job.options().without(0), "draw");
   v1::ListJobsResponse list;
   EXPECT_THAT(List("state = DONE", &list), FailsAtField("filter"));
   EXPECT_THAT(List("owner = me", &list), FailsAtField("filter"));

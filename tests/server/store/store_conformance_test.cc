@@ -263,6 +263,12 @@ TEST_P(StoreConformance, JobIsCheckedBeforeItIsMade) {
               HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   EXPECT_THAT(create({.sequence_id = ready, .options = {.key_every = 0}}), HasCode(absl::StatusCode::kInvalidArgument));
   EXPECT_THAT(create({.sequence_id = ready, .options = {.threads = -1}}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(create({.sequence_id = ready, .options = {.preset = "turbo"}}),
+              HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(create({.sequence_id = ready, .options = {.without = {"luck"}}}),
+              HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(create({.sequence_id = ready, .options = {.method = "hold", .preset = "fast"}}),
+              HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   EXPECT_EQ(Take(store().CreateJob({.sequence_id = ready}, "", /*validate_only=*/true)).id, "");
   EXPECT_THAT(Take(store().ListJobs({}, {})).items, IsEmpty());
 
@@ -280,6 +286,14 @@ TEST_P(StoreConformance, JobIsCheckedBeforeItIsMade) {
   EXPECT_EQ(read.attempt, 1);
   EXPECT_EQ(read.recording.depth_scale, 5000);
   EXPECT_EQ(read.start_time, absl::InfiniteFuture());
+
+  NewJob ablation = {.sequence_id = ready, .options = {.preset = "fast", .without = {"draw", "median"}}};
+  const JobRecord ablated = Take(store().CreateJob(ablation, "a", false));
+  Open();
+  EXPECT_EQ(Job(ablated.id).options.preset, "fast");
+  EXPECT_EQ(Job(ablated.id).options.without, (std::vector<std::string>{"draw", "median"}));
+  ablation.options.without.pop_back();
+  EXPECT_THAT(store().CreateJob(ablation, "a", false), HasCode(absl::StatusCode::kAlreadyExists));
 }
 
 TEST_P(StoreConformance, JobsAreListedByStateAndSequence) {
@@ -672,6 +686,9 @@ TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
   order.options.key_every = 2;
   EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   order.options.key_every = 1;
+  order.options.preset = "fast";
+  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  order.options.preset = "balanced";
   order.renders.clear();
   EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   order.renders = {RenderOf("a", 2)};
