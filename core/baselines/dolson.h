@@ -17,6 +17,8 @@
 
 namespace depthtween {
 
+// Of 4, 8 and 16 pixels, 4 gave the lowest error on three of four recordings tried: wider, it averages limbs with what
+// is behind them. Nothing was tuned beyond that.
 struct DolsonOptions {
   float space_sigma_px = 4.0F;
   float color_sigma = 8.0F;  // sRGB units, each channel
