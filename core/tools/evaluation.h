@@ -1,19 +1,17 @@
 // How good a result folder is, measured against the sequence it was made from, beside the baselines on the same inputs.
 //
-// Truth is SEQ/gt/depth where present; else the depth maps of SEQ that were left out of the input (key_every > 1), each
-// scored at the colour frame of its time. Definitions of all numbers: core/metrics.
+// Truth: clip_truth.h. Definitions of all numbers: core/metrics.
 #ifndef DEPTHTWEEN_CORE_TOOLS_EVALUATION_H_
 #define DEPTHTWEEN_CORE_TOOLS_EVALUATION_H_
 
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
 
 #include "core/base/status.h"
-#include "core/metrics/comparison.h"
+#include "core/tools/clip_scoring.h"
 
 namespace depthtween::tools {
 
@@ -28,17 +26,10 @@ struct EvaluationOptions {
   std::function<void(int done, int total)> on_progress = nullptr;
 };
 
-struct Evaluation {
+// The result is score.methods[0], the baselines follow.
+struct Evaluation : ClipScores {
   std::string result_dir, reference_dir;
-  std::string method;  // of the result, as its report says: score.methods[0]
-  int key_every = 1;
-  std::string truth;                     // "gt/depth" or "left-out depth maps"
-  ComparisonScore score;                 // the result first, then the baselines
-  std::vector<std::string> frame_stems;  // of score.frames
-  // What consecutive depth maps of a real sensor differ by where nothing moves; only without gt/depth, and when the
-  // camera stands still.
-  std::optional<DepthScore> sensor_floor;
-  std::vector<std::string> notes;  // truth that was not scored, and why
+  std::string method;  // of the result, as its report says
 };
 
 // One frame of each method is in memory at a time, however long the clip.
@@ -46,8 +37,9 @@ struct Evaluation {
 // result is not finished, or there is no truth to score. Cancelled when `stop` fires. Else what reading files returns.
 absl::StatusOr<Evaluation> Evaluate(const EvaluationOptions& options);
 
-// Everything: all scores by method and region, curves, ratios to each baseline, RMSE of each frame.
-nlohmann::json ToJson(const Evaluation& evaluation);
+// Everything: all scores by method and region, curves, ratios of the first method to each other, RMSE of each frame.
+nlohmann::json ToJson(const ClipScores& scores);
+nlohmann::json ToJson(const Evaluation& evaluation);  // and which result it was
 
 // For people: the scores in a table, their ratios to each baseline, and the `worst_frames` frames of largest RMSE.
 std::string FormatTable(const Evaluation& evaluation, int worst_frames = 0);

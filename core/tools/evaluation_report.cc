@@ -164,14 +164,11 @@ double CommonShare(const ComparisonScore& score) {
 
 }  // namespace
 
-json ToJson(const Evaluation& evaluation) {
-  const ComparisonScore& score = evaluation.score;
-  json out = {{"result", evaluation.result_dir},
-              {"reference", evaluation.reference_dir},
-              {"method", evaluation.method},
-              {"key_every", evaluation.key_every},
-              {"truth", evaluation.truth},
-              {"notes", evaluation.notes},
+json ToJson(const ClipScores& scores) {
+  const ComparisonScore& score = scores.score;
+  json out = {{"key_every", scores.key_every},
+              {"truth", scores.truth},
+              {"notes", scores.notes},
               {"frames_scored", score.frames.size()},
               {"truth_pixels", score.truth_pixels},
               {"common_pixels", score.common_pixels},
@@ -189,9 +186,17 @@ json ToJson(const Evaluation& evaluation) {
     json rmse_mm = json::object();
     for (size_t m = 0; m < score.methods.size(); ++m) rmse_mm[score.methods[m].name] = score.frames[i].rmse_mm[m];
     out["frames"].push_back(
-        {{"stem", evaluation.frame_stems[i]}, {"pixels", score.frames[i].pixels}, {"rmse_mm", std::move(rmse_mm)}});
+        {{"stem", scores.frame_stems[i]}, {"pixels", score.frames[i].pixels}, {"rmse_mm", std::move(rmse_mm)}});
   }
-  if (evaluation.sensor_floor) out["sensor_floor"] = ScoreToJson(*evaluation.sensor_floor);
+  if (scores.sensor_floor) out["sensor_floor"] = ScoreToJson(*scores.sensor_floor);
+  return out;
+}
+
+json ToJson(const Evaluation& evaluation) {
+  json out = ToJson(static_cast<const ClipScores&>(evaluation));
+  out["result"] = evaluation.result_dir;
+  out["reference"] = evaluation.reference_dir;
+  out["method"] = evaluation.method;
   return out;
 }
 
