@@ -65,6 +65,11 @@ absl::Status SensorFloor::Add(ImageView<const Rgb8> color, ImageView<const float
   return absl::OkStatus();
 }
 
+void SensorFloor::Restart() {
+  previous_grey_ = {};
+  previous_depth_m_ = {};
+}
+
 double SensorFloor::StillShare() const {
   return known_pixels_ > 0 ? static_cast<double>(still_pixels_) / static_cast<double>(known_pixels_) : 0.0;
 }

@@ -20,6 +20,8 @@ class SensorFloor {
   // Depth maps in time order, each with the colour frame of its time. Metres, 0 = unknown.
   // InvalidArgument if sizes differ.
   absl::Status Add(ImageView<const Rgb8> color, ImageView<const float> depth_m);
+  // The map added next does not follow the one before: they are not compared.
+  void Restart();
   DepthScore Score() const { return differences_.Score(); }
   // Share of pixels known in both maps that nothing moves at, [0,1].
   double StillShare() const;

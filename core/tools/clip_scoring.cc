@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <numeric>
 #include <utility>
 
 #include "core/baselines/frame_steps.h"
@@ -61,14 +62,19 @@ absl::StatusOr<std::vector<DepthResult>> RunMethod(const ScoredMethod& method, c
 
 // None when the camera moves.
 absl::StatusOr<std::optional<DepthScore>> MeasureSensorFloor(const SequenceFolder& reference,
+                                                             const std::vector<std::vector<int>>& runs,
                                                              const std::stop_token& stop) {
   const Sequence& sequence = reference.sequence();
   SensorFloor floor;
-  for (size_t d = 0; d < sequence.depth.size(); ++d) {
-    if (stop.stop_requested()) return absl::CancelledError("stopped on request");
-    ASSIGN_OR_RETURN(const Image<float> depth_m, reference.Depth(static_cast<int>(d)));
-    ASSIGN_OR_RETURN(const Image<Rgb8> color, reference.Color(NearestColorFrame(sequence, sequence.depth[d].time_ns)));
-    RETURN_IF_ERROR(floor.Add(color, depth_m));
+  for (const std::vector<int>& run : runs) {
+    floor.Restart();
+    for (const int d : run) {
+      if (stop.stop_requested()) return absl::CancelledError("stopped on request");
+      ASSIGN_OR_RETURN(const Image<float> depth_m, reference.Depth(d));
+      ASSIGN_OR_RETURN(const Image<Rgb8> color,
+                       reference.Color(NearestColorFrame(sequence, sequence.depth[d].time_ns)));
+      RETURN_IF_ERROR(floor.Add(color, depth_m));
+    }
   }
   if (floor.StillShare() < kStillCameraShare) return std::nullopt;
   return floor.Score();
@@ -125,7 +131,11 @@ absl::StatusOr<ClipScores> ScoreMethods(const SequenceFolder& reference, ClipTru
   }
   scores.score = comparison.Score();
   if (truth.IsLeftOutDepth()) {
-    ASSIGN_OR_RETURN(scores.sensor_floor, MeasureSensorFloor(reference, options.stop));
+    std::vector<int> all(reference.sequence().depth.size());
+    std::iota(all.begin(), all.end(), 0);
+    ASSIGN_OR_RETURN(
+        scores.sensor_floor,
+        MeasureSensorFloor(reference, options.floor_runs.value_or(std::vector<std::vector<int>>{all}), options.stop));
   }
   return scores;
 }

@@ -34,6 +34,8 @@ struct ScoringOptions {
   ClipConstants constants;
   int threads = 1;  // does not change the numbers. >= 1
   std::stop_token stop = {};
+  // What the sensor floor is measured on: runs of consecutive depth maps of the reference. None: all of them.
+  std::optional<std::vector<std::vector<int>>> floor_runs = std::nullopt;
   // Called before each scored frame, from the calling thread. May be empty.
   std::function<void(int done, int total)> on_frame = nullptr;
   // Called after each run of a method, likewise: which, the colour frames it answered, wall seconds. May be empty.

@@ -27,7 +27,8 @@ TruthFrame FrameTruth::View() const {
           .unseen = unseen};
 }
 
-absl::StatusOr<ClipTruth> ClipTruth::Open(const SequenceFolder& folder, const ClipClock& clock, int key_every) {
+absl::StatusOr<ClipTruth> ClipTruth::Open(const SequenceFolder& folder, const ClipClock& clock, int key_every,
+                                          Kind kind) {
   const Sequence sequence = CorrectDepthStamps(folder.sequence(), clock.model);
   const Sequence keys = KeepEveryNthDepth(sequence, key_every);
   const int64_t first_ns = keys.depth.front().time_ns, last_ns = keys.depth.back().time_ns;
@@ -41,7 +42,7 @@ absl::StatusOr<ClipTruth> ClipTruth::Open(const SequenceFolder& folder, const Cl
   }
 
   truth.kind_ = "gt/depth";
-  for (size_t c = 0; c < sequence.color.size(); ++c) {
+  for (size_t c = 0; c < sequence.color.size() && kind == Kind::kBest; ++c) {
     if (!between_keys(sequence.color[c].time_ns)) continue;
     if (auto path = GroundTruthDepthPath(folder.dir(), sequence.color[c].Stem()))
       truth.refs_.push_back({.color = static_cast<int>(c), .path = *std::move(path)});

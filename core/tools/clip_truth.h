@@ -29,10 +29,13 @@ struct FrameTruth {
 
 class ClipTruth {
  public:
+  enum class Kind { kBest, kLeftOutDepth };
+
   // `folder` must outlive it. Left-out depth maps are placed in time by `clock`; pairing by index is no clock: where it
   // says that a map belongs is what is to be judged, so the stamps place it. FailedPrecondition says why when no frame
-  // strictly between the first and the last key has truth.
-  static absl::StatusOr<ClipTruth> Open(const SequenceFolder& folder, const ClipClock& clock, int key_every);
+  // strictly between the first and the last key has truth. kLeftOutDepth looks at no gt/depth.
+  static absl::StatusOr<ClipTruth> Open(const SequenceFolder& folder, const ClipClock& clock, int key_every,
+                                        Kind kind = Kind::kBest);
 
   // "gt/depth" or "left-out depth maps".
   const std::string& kind() const { return kind_; }

@@ -1,7 +1,4 @@
 // depthtween-core evaluate: how good a result is, beside the baselines.
-#include <unistd.h>
-
-#include <chrono>
 #include <iostream>
 #include <memory>
 #include <string>
@@ -13,6 +10,7 @@
 #include "core/baselines/baselines.h"
 #include "core/tools/commands.h"
 #include "core/tools/evaluation.h"
+#include "core/tools/progress_bar.h"
 
 namespace depthtween::tools {
 namespace {
@@ -27,27 +25,6 @@ struct EvaluateArguments {
   int worst_frames = 0;
 };
 
-// One line on stderr: redrawn on a terminal, now and then elsewhere.
-class FrameCounter {
- public:
-  void Show(int done, int total) {
-    const auto now = std::chrono::steady_clock::now();
-    if (now - shown_ < (terminal_ ? std::chrono::milliseconds(100) : std::chrono::milliseconds(5000))) return;
-    shown_ = now;
-    std::cerr << (terminal_ ? "\r" : "") << absl::StrFormat("scored %d of %d frames", done, total)
-              << (terminal_ ? "" : "\n") << std::flush;
-    drawn_ = true;
-  }
-  ~FrameCounter() {
-    if (terminal_ && drawn_) std::cerr << "\r\x1b[K" << std::flush;
-  }
-
- private:
-  const bool terminal_ = isatty(STDERR_FILENO) != 0;
-  bool drawn_ = false;
-  std::chrono::steady_clock::time_point shown_ = std::chrono::steady_clock::now();
-};
-
 absl::Status RunEvaluate(const EvaluateArguments& arguments) {
   EvaluationOptions options = arguments.options;
   if (arguments.baselines == kQuickBaselines)
@@ -56,7 +33,7 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments) {
     options.baselines = BaselineNames();
   else if (!arguments.baselines.empty())
     options.baselines = absl::StrSplit(arguments.baselines, ',');
-  FrameCounter counter;
+  CountLine counter("scored", "frames");
   options.on_progress = [&](int done, int total) { counter.Show(done, total); };
   ASSIGN_OR_RETURN(const Evaluation evaluation, Evaluate(options));
   if (arguments.json)

@@ -6,15 +6,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "absl/strings/str_format.h"
 
 namespace depthtween::tools {
 namespace {
 
-constexpr int kBarCells = 20;                             // all but a long stage name fits 80 columns
-constexpr auto kRedraw = std::chrono::milliseconds(100);  // faster than this only flickers
-constexpr auto kLineEvery = std::chrono::seconds(2);      // a log is read later: few lines
+constexpr int kBarCells = 20;                           // all but a long stage name fits 80 columns
+constexpr std::chrono::milliseconds kRedraw{100};       // faster than this only flickers
+constexpr auto kLineEvery = std::chrono::seconds(2);    // a log is read later: few lines
+constexpr std::chrono::milliseconds kCountEvery{5000};  // likewise
 
 int TerminalColumns() {
   winsize size = {};
@@ -97,6 +99,22 @@ void ProgressBar::Show() {
     std::fprintf(stderr, "\r%s\x1b[K", FormatProgressBar(progress_, TerminalColumns() - 1).c_str());
   else
     std::fprintf(stderr, "%s\n", FormatProgressLine(progress_).c_str());
+}
+
+CountLine::CountLine(std::string did, std::string what)
+    : did_(std::move(did)), what_(std::move(what)), terminal_(isatty(STDERR_FILENO) == 1) {}
+
+CountLine::~CountLine() {
+  if (terminal_ && drawn_) std::fputs("\r\x1b[K", stderr);
+}
+
+void CountLine::Show(int done, int total) {
+  const auto now = std::chrono::steady_clock::now();
+  if (now - shown_ < (terminal_ ? kRedraw : kCountEvery)) return;
+  shown_ = now;
+  drawn_ = true;
+  std::fprintf(stderr, terminal_ ? "\r%s %d of %d %s\x1b[K" : "%s %d of %d %s\n", did_.c_str(), done, total,
+               what_.c_str());
 }
 
 }  // namespace depthtween::tools

@@ -44,6 +44,24 @@ class ProgressBar : public RunObserver {
   Progress progress_;
 };
 
+// One line on stderr that counts: redrawn on a terminal, now and then elsewhere.
+class CountLine {
+ public:
+  // "scored", "frames": scored 3 of 8 frames.
+  CountLine(std::string did, std::string what);
+  ~CountLine();
+  CountLine(const CountLine&) = delete;
+  CountLine& operator=(const CountLine&) = delete;
+
+  void Show(int done, int total);
+
+ private:
+  const std::string did_, what_;
+  const bool terminal_;
+  bool drawn_ = false;
+  std::chrono::steady_clock::time_point shown_ = std::chrono::steady_clock::now();
+};
+
 }  // namespace depthtween::tools
 
 #endif  // DEPTHTWEEN_CORE_TOOLS_PROGRESS_BAR_H_

@@ -20,6 +20,7 @@
 #include "core/tools/finished_clip.h"
 #include "core/tools/progress_bar.h"
 #include "core/tools/render_run.h"
+#include "core/tools/self_check.h"
 #include "core/tools/signals.h"
 #include "core/tools/upsample_flags.h"
 #include "core/tools/upsample_run.h"
@@ -118,11 +119,13 @@ class TemporaryResult {
     ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> source, SequenceFolder::Open(recording));
     ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(dir_, source->sequence(), true));
     ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*source, options));
+    ASSIGN_OR_RETURN(json self_check, CheckSelfAloud(*source, options, stop));
     ProgressBar progress(plan);
     ASSIGN_OR_RETURN(const std::vector<IntervalReport> reports,
                      RunIntervals(*upsampler, *source, plan, 0, static_cast<int>(plan.intervals.size()), options, stop,
                                   writer, progress));
-    return AssembleResult(options, recording, source->sequence(), plan, reports, json::array(), writer);
+    return AssembleResult(options, recording, source->sequence(), plan, reports, json::array(), std::move(self_check),
+                          writer);
   }
   const std::string& dir() const { return dir_; }
 

@@ -20,6 +20,7 @@
 #include "core/tools/commands.h"
 #include "core/tools/progress_pipe.h"
 #include "core/tools/render_run.h"
+#include "core/tools/self_check.h"
 #include "core/tools/signals.h"
 #include "core/tools/upsample_run.h"
 #include "core/tools/write_queue.h"
@@ -30,7 +31,7 @@ namespace {
 using nlohmann::json;
 
 struct TaskArguments {
-  std::string sequence, options, constants, out, result, render;
+  std::string sequence, options, constants, out, result, render, self_check;
   int first = 0, count = 0, frame = 0, threads = 1, progress_fd = -1;
 };
 
@@ -123,6 +124,15 @@ absl::Status PrepareTask(const Task& task) {
   for (size_t i = 0; i < input.renders.size(); ++i)
     RETURN_IF_ERROR(CheckRender(input.renders[i], input.recording->sequence(), plan.constants, RenderPath(i)));
   return WriteFileDurably(task.arguments.constants, Dump(ToJson(plan, input.recording->sequence())));
+}
+
+absl::Status SelfCheckTask(const Task& task) {
+  ASSIGN_OR_RETURN(const Input input, OpenInput(task.arguments));
+  ASSIGN_OR_RETURN(const SelfCheck check,
+                   CheckSelf(*input.recording, input.options, task.stop, [&](int done, int total) {
+                     task.progress.Send({{"stage", absl::StrFormat("self-check, map %d of %d", done + 1, total)}});
+                   }));
+  return WriteFileDurably(task.arguments.out, Dump(ToJson(check)));
 }
 
 // Sends what happens down the pipe, and leaves each interval's report beside its frames.
@@ -279,11 +289,18 @@ absl::Status AssembleTask(const Task& task) {
     ASSIGN_OR_RETURN(const std::string text, ReadFile(path));
     ASSIGN_OR_RETURN(reports.emplace_back(), ParseIntervalReport(text));
   }
+  json self_check;
+  if (!arguments.self_check.empty()) {
+    ASSIGN_OR_RETURN(const std::string text, ReadFile(arguments.self_check));
+    self_check = json::parse(text, /*cb=*/nullptr, /*allow_exceptions=*/false);
+    if (!self_check.is_object())
+      return absl::DataLossError(absl::StrCat(arguments.self_check, " is not what the task self-check wrote"));
+  }
   ASSIGN_OR_RETURN(json renders, AssembleRenders(task, input, plan));
   const ClipSource source(*input.recording, plan.clock, input.options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, source.sequence()));
   return AssembleResult(input.options, arguments.sequence, source.sequence(), plan, reports, std::move(renders),
-                        writer);
+                        std::move(self_check), writer);
 }
 
 // Runs a task as a child should: it dies with its parent, stops when told or when nobody reads its progress, and
@@ -351,6 +368,11 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
   add_options(prepare);
   add_constants(prepare, "File to write: constants, intervals, frames");
 
+  CLI::App* const self_check =
+      add("self-check", "Measure on held-out depth frames how good the upsampling will be", SelfCheckTask);
+  add_options(self_check);
+  self_check->add_option("--out", arguments->out, "JSON file to write")->required()->type_name("FILE");
+
   CLI::App* const intervals = add("intervals", "Compute some intervals", IntervalsTask);
   add_options(intervals);
   add_constants(intervals, "File that prepare wrote");
@@ -386,6 +408,8 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
   add_options(assemble);
   add_constants(assemble, "File that prepare wrote");
   add_out(assemble);
+  assemble->add_option("--self-check", arguments->self_check, "File that self-check wrote, for the report")
+      ->type_name("FILE");
 }
 
 }  // namespace depthtween::tools

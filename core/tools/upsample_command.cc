@@ -10,6 +10,7 @@
 #include "core/io/sequence_folder.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
+#include "core/tools/self_check.h"
 #include "core/tools/signals.h"
 #include "core/tools/upsample_flags.h"
 #include "core/tools/upsample_run.h"
@@ -58,6 +59,8 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
                    ResultWriter::Create(arguments.out, source.sequence(), options.keep_motion));
   for (const std::string& warning : plan.constants.warnings) std::cerr << "warning: " << warning << std::endl;
 
+  ASSIGN_OR_RETURN(nlohmann::json self_check, CheckSelfAloud(*folder, options, signals.token()));
+
   std::vector<IntervalReport> reports;
   {
     ProgressBar progress(plan);
@@ -69,8 +72,8 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
     ASSIGN_OR_RETURN(reports, std::move(ran));
   }
   const std::string sequence_dir = fs::absolute(arguments.sequence).lexically_normal().string();
-  RETURN_IF_ERROR(
-      AssembleResult(options, sequence_dir, source.sequence(), plan, reports, nlohmann::json::array(), writer));
+  RETURN_IF_ERROR(AssembleResult(options, sequence_dir, source.sequence(), plan, reports, nlohmann::json::array(),
+                                 std::move(self_check), writer));
 
   double seconds = 0.0;
   for (const IntervalReport& report : reports) seconds += report.seconds;
@@ -95,6 +98,7 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
       "\n"
       "Example:  depthtween-core upsample recording -o result\n"
       "Example:  depthtween-core upsample recording -o look --preset fast\n"
+      "Example:  depthtween-core upsample recording -o result --self-check\n"
       "Example:  depthtween-core upsample recording -o result --key-every 4    (then evaluate against the rest)\n");
   command->add_option("sequence", arguments->sequence, "Sequence folder to read")->required()->type_name("SEQ");
   command->add_option("-o,--out", arguments->out, "Folder to write the result to")->required()->type_name("OUT");

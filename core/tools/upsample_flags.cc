@@ -21,6 +21,12 @@ std::vector<CLI::Option*> AddQualityFlags(CLI::App& command, UpsampleOptions& op
                       ->check(CLI::IsMember(PartNames()))
                       ->type_name("NAMES")
                       ->group(group));
+  added.push_back(
+      command
+          .add_flag("--self-check", options.self_check,
+                    "First hold out every second depth frame and report how far ours, flow-warp, linear and hold are "
+                    "from it on this recording; costs at most what 24 intervals cost")
+          ->group(group));
   return added;
 }
 

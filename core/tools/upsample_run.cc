@@ -81,6 +81,7 @@ absl::Status UpsampleOptions::Validate() const {
   };
   if (method != "ours" && preset != defaults.preset) return only_ours("preset");
   if (method != "ours" && !without.empty()) return only_ours("without");
+  if (method != "ours" && self_check) return only_ours("self_check");
   return WithContext(ParseClockChoice(clock).status(), "options.clock");
 }
 
@@ -88,7 +89,7 @@ json ToJson(const UpsampleOptions& options) {
   return {{"method", options.method},   {"key_every", options.key_every},
           {"threads", options.threads}, {"keep_motion", options.keep_motion},
           {"preset", options.preset},   {"without", options.without},
-          {"clock", options.clock}};
+          {"clock", options.clock},     {"self_check", options.self_check}};
 }
 
 absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
@@ -134,6 +135,8 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
         RETURN_IF_ERROR(read_text(options.preset));
       } else if (field == "without") {
         RETURN_IF_ERROR(read_texts(options.without));
+      } else if (field == "self_check") {
+        RETURN_IF_ERROR(read_flag(options.self_check));
       } else {
         std::vector<std::string> known;
         for (const auto& [name, unused] : ToJson(UpsampleOptions()).items()) known.push_back(name);
@@ -295,7 +298,7 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
 
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
                             const ClipPlan& plan, const std::vector<IntervalReport>& reports, json renders,
-                            const ResultWriter& writer) {
+                            json self_check, const ResultWriter& writer) {
   std::vector<bool> seen(plan.intervals.size(), false);
   double seconds = 0.0;
   int frames = 0, held_frames = 0;
@@ -316,21 +319,22 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
   if (missing != seen.end())
     return absl::FailedPreconditionError(
         absl::StrFormat("interval %d has not been computed: run it first", missing - seen.begin()));
-  return writer.Finish(
-      {{"sequence", sequence_dir},
-       {"options", ToJson(options)},
-       {"frames", frames},
-       {"held_frames", held_frames},
-       {"keys", sequence.depth.size()},
-       {"intervals", plan.intervals.size()},
-       {"terminations", terminations},
-       {"seconds", seconds},
-       {"stages", stages},
-       {"renders", std::move(renders)},
-       {"constants", ToJson(plan.constants)},
-       {"clock", ToJson(plan.clock)},
-       {"warnings", plan.constants.warnings},
-       {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}});
+  json report = {{"sequence", sequence_dir},
+                 {"options", ToJson(options)},
+                 {"frames", frames},
+                 {"held_frames", held_frames},
+                 {"keys", sequence.depth.size()},
+                 {"intervals", plan.intervals.size()},
+                 {"terminations", terminations},
+                 {"seconds", seconds},
+                 {"stages", stages},
+                 {"renders", std::move(renders)},
+                 {"constants", ToJson(plan.constants)},
+                 {"clock", ToJson(plan.clock)},
+                 {"warnings", plan.constants.warnings},
+                 {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}};
+  if (!self_check.is_null()) report["self_check"] = std::move(self_check);
+  return writer.Finish(std::move(report));
 }
 
 }  // namespace depthtween::tools

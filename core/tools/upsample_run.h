@@ -33,6 +33,8 @@ struct UpsampleOptions {
   std::string preset = "balanced";   // one of PresetNames(): what accuracy may cost
   std::vector<std::string> without;  // of PartNames(): stages left out, to learn what each is worth
 
+  bool self_check = false;  // first measure on held-out depth frames how good it is: self_check.h
+
   // InvalidArgument about "options.FIELD", which FieldOf (render_options.h) gives.
   absl::Status Validate() const;
 };
@@ -102,11 +104,11 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
 
 // Ends a result: lists its frames and writes report.json. `reports` are those of all intervals, in any order;
 // `sequence_dir` is where the input came from, for those who look at the result later; `renders` is a JSON list of what
-// was rendered from it.
+// was rendered from it, `self_check` the JSON form of a SelfCheck, or null.
 // FailedPrecondition names an interval or frame that is missing.
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
                             const ClipPlan& plan, const std::vector<IntervalReport>& reports, nlohmann::json renders,
-                            const ResultWriter& writer);
+                            nlohmann::json self_check, const ResultWriter& writer);
 
 }  // namespace depthtween::tools
 

@@ -150,6 +150,11 @@ TEST(SensorFloor, ComparesOnlyWhereColourStandsStill) {
   EXPECT_EQ(score.pixels, 3 * kHeight * (kWidth - 16));  // 10 columns, 2 of the mean's window, 4 of guard
   EXPECT_NEAR(floor.StillShare(), (kWidth - 16.0) / kWidth, 1e-12);
   EXPECT_FALSE(floor.Add(Image<Rgb8>(3, 3), Image<float>(3, 3)).ok());
+
+  // A map after a restart is compared with none before it.
+  floor.Restart();
+  ASSERT_TRUE(floor.Add(Image<Rgb8>(3, 3), Image<float>(3, 3, 7.0F)).ok());
+  EXPECT_EQ(floor.Score().pixels, score.pixels);
 }
 
 }  // namespace

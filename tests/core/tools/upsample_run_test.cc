@@ -185,7 +185,7 @@ TEST(RunIntervals, TellsOfEveryFrameInOrder) {
   EXPECT_THAT(recorder.intervals, ElementsAre(0, 1, 2));
 
   ASSERT_EQ(AssembleResult({.method = "linear"}, "/recording", source->sequence(), *plan, *reports,
-                           nlohmann::json::array(), *writer),
+                           nlohmann::json::array(), {}, *writer),
             absl::OkStatus());
   const auto result = ResultFolder::Open(out.path());
   ASSERT_TRUE(result.ok()) << result.status();
@@ -208,7 +208,7 @@ TEST(RunIntervals, NamesIntervalsThatAreNotThere) {
               HasSubstr("this clip has intervals 0 to 2"));
   const auto first = RunIntervals(**upsampler, *source, *plan, 0, 1, {}, {}, *writer, recorder);
   ASSERT_TRUE(first.ok()) << first.status();
-  EXPECT_THAT(AssembleResult({}, "", source->sequence(), *plan, *first, nlohmann::json::array(), *writer).message(),
+  EXPECT_THAT(AssembleResult({}, "", source->sequence(), *plan, *first, nlohmann::json::array(), {}, *writer).message(),
               HasSubstr("interval 1 has not been computed"));
 }
 
