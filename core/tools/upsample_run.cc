@@ -82,7 +82,9 @@ absl::Status UpsampleOptions::Validate() const {
   if (method != "ours" && preset != defaults.preset) return only_ours("preset");
   if (method != "ours" && !without.empty()) return only_ours("without");
   if (method != "ours" && self_check) return only_ours("self_check");
-  return WithContext(ParseClockChoice(clock).status(), "options.clock");
+  if (const absl::Status known = ParseClockChoice(clock).status(); !known.ok())
+    return FieldError("options.clock", std::string(known.message()));
+  return absl::OkStatus();
 }
 
 json ToJson(const UpsampleOptions& options) {
@@ -138,8 +140,9 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
       } else if (field == "self_check") {
         RETURN_IF_ERROR(read_flag(options.self_check));
       } else {
+        const json all = ToJson(UpsampleOptions());
         std::vector<std::string> known;
-        for (const auto& [name, unused] : ToJson(UpsampleOptions()).items()) known.push_back(name);
+        for (const auto& [name, unused] : all.items()) known.push_back(name);
         return FieldError("options." + field,
                           absl::StrCat("is not known: the options are ", absl::StrJoin(known, ", ")));
       }

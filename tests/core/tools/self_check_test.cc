@@ -56,9 +56,10 @@ TEST(SelfCheck, GivesTheNumbersOfALeaveOutExperiment) {
     EXPECT_EQ(check.methods[m].completeness, expected.completeness) << expected.name;
   }
   ASSERT_TRUE(check.methods[0].within_one_sigma.has_value());
-  for (const auto& at : evaluation->score.methods[0].uncertainty.coverage) {
-    if (at.k == 1.0) EXPECT_EQ(*check.methods[0].within_one_sigma, at.share);
-  }
+  const auto& coverage = evaluation->score.methods[0].uncertainty.coverage;
+  const auto one = std::find_if(coverage.begin(), coverage.end(), [](const auto& at) { return at.k == 1.0; });
+  ASSERT_NE(one, coverage.end());
+  EXPECT_EQ(*check.methods[0].within_one_sigma, one->share);
   EXPECT_FALSE(check.methods[1].within_one_sigma.has_value()) << "a baseline does not know its errors";
 
   std::vector<double> frames_mm;

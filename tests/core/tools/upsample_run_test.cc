@@ -53,8 +53,8 @@ TEST(UpsampleOptions, WrongOnesAreNamed) {
   EXPECT_THAT(message(R"({"key_every":1.5})"), HasSubstr("options.key_every = 1.5, must be a whole number"));
   EXPECT_THAT(message(R"({"key_every":4294967297})"), HasSubstr("options.key_every = 4294967297"));
   EXPECT_THAT(message(R"({"threads":-1})"), HasSubstr("options.threads = -1, must be 1 to 1024"));
-  EXPECT_THAT(message(R"({"clock":"sundial"})"), HasSubstr("options.clock: 'sundial', must be stamps, index, or"));
-  EXPECT_THAT(message(R"({"clock":"1,2,3"})"), HasSubstr("options.clock: "));
+  EXPECT_THAT(message(R"({"clock":"sundial"})"), HasSubstr("options.clock 'sundial', must be stamps, index, or"));
+  EXPECT_THAT(message(R"({"clock":"1,2,3"})"), HasSubstr("options.clock "));
   EXPECT_THAT(message(R"({"clock":"0,2e5"})"), HasSubstr("ClockModel.drift_ppm = 200000"));
   EXPECT_THAT(message(R"({"thread":2})"), HasSubstr("options.thread is not known"));
   EXPECT_THAT(message(R"({"preset":"turbo"})"),
@@ -72,6 +72,7 @@ TEST(UpsampleOptions, WrongOnesNameTheirFieldToPrograms) {
   const auto field = [](const char* json) { return FieldOf(ParseUpsampleOptions(json).status()); };
   EXPECT_EQ(field(R"({"preset":"turbo"})"), "options.preset");
   EXPECT_EQ(field(R"({"without":["luck"]})"), "options.without");
+  EXPECT_EQ(field(R"({"clock":"sundial"})"), "options.clock");
   EXPECT_EQ(field(R"({"thread":2})"), "options.thread");
 }
 
@@ -81,7 +82,8 @@ TEST(UpsampleOptions, PresetsAndPartsAreOursAlone) {
   EXPECT_THAT(message({.method = "hold", .preset = "fast"}),
               HasSubstr("options.preset is for method 'ours' alone, and the method is 'hold'"));
   EXPECT_THAT(message({.method = "linear", .without = {"draw"}}), HasSubstr("options.without is for method 'ours'"));
-  EXPECT_EQ(message({.preset = "fast", .without = {"draw"}}), "");
+  EXPECT_THAT(message({.method = "linear", .self_check = true}), HasSubstr("options.self_check is for method 'ours'"));
+  EXPECT_EQ(message({.preset = "fast", .without = {"draw"}, .self_check = true}), "");
 }
 
 TEST(UpsampleOptions, EveryPresetAndPartCanBeMade) {
@@ -94,11 +96,12 @@ TEST(UpsampleOptions, EveryPresetAndPartCanBeMade) {
 }
 
 TEST(UpsampleOptions, SurviveJson) {
-  const auto ours =
-      ParseUpsampleOptions(ToJson(UpsampleOptions{.preset = "fast", .without = {"draw", "median"}}).dump());
+  const auto ours = ParseUpsampleOptions(
+      ToJson(UpsampleOptions{.preset = "fast", .without = {"draw", "median"}, .self_check = true}).dump());
   ASSERT_TRUE(ours.ok()) << ours.status();
   EXPECT_EQ(ours->preset, "fast");
   EXPECT_THAT(ours->without, ElementsAre("draw", "median"));
+  EXPECT_TRUE(ours->self_check);
   const auto parsed =
       ParseUpsampleOptions(ToJson(UpsampleOptions{.method = "linear", .key_every = 8, .threads = 3}).dump());
   ASSERT_TRUE(parsed.ok()) << parsed.status();
