@@ -1,10 +1,12 @@
 #include "core/fill/key_cleaning.h"
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <cstdlib>
 #include <limits>
 
+#include "core/base/lanes.h"
 #include "core/base/parallel.h"
 
 namespace depthtween {
@@ -44,6 +46,8 @@ Image<uint8_t> StandsStill(ImageView<const Rgb8> a, ImageView<const Rgb8> b, int
   });
   return still;
 }
+
+constexpr int kMaxDenoiseTaps = (2 * kMaxDenoiseRadius + 1) * (2 * kMaxDenoiseRadius + 1);
 
 }  // namespace
 
@@ -172,60 +176,100 @@ FilledDepth FillAlongColor(ImageView<const float> depth_m, ImageView<const Rgb8>
 
 Image<float> DenoiseInLayers(ImageView<const float> depth_m, ImageView<const float> distance,
                              ImageView<const Rgb8> color, const DepthNoise& noise, int radius, int threads) {
+  assert(radius >= 1 && radius <= kMaxDenoiseRadius);
   const int width = depth_m.width(), height = depth_m.height();
-  Image<float> inverse_depth(width, height), out(width, height);
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) inverse_depth(x, y) = depth_m(x, y) > 0 ? 1.0F / depth_m(x, y) : 0.0F;
+  // Planes with a margin in which nothing is known, so that windows and lanes may hang over the edge.
+  const int padded = width + 2 * radius + kLanes;
+  Image<float> inverse_depth(padded, height + 2 * radius), reliability(padded, height + 2 * radius);
+  Image<float> channels[3];
+  for (auto& channel : channels) channel = Image<float>(padded, height + 2 * radius);
   ParallelRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < width; ++x) {
-        const float z = depth_m(x, y);
-        out(x, y) = z;
-        if (z <= 0) continue;
-        const float sigma = noise.At(z);
-        const float inverse = 1.0F / z;
-        const Rgb8 here = color(x, y);
+        inverse_depth(x + radius, y + radius) = depth_m(x, y) > 0 ? 1.0F / depth_m(x, y) : 0.0F;
+        reliability(x + radius, y + radius) = 1.0F / (1.0F + distance(x, y));
+        const Rgb8 c = color(x, y);
+        channels[0](x + radius, y + radius) = c.r;
+        channels[1](x + radius, y + radius) = c.g;
+        channels[2](x + radius, y + radius) = c.b;
+      }
+  });
+  Image<float> out(width, height);
+  ParallelRows(height, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < width; x += kLanes) {
+        const int centre = x + radius;
+        const Lanes inverse = LoadLanes(inverse_depth.row(y + radius) + centre);
+        const LaneInts known = inverse > 0;
+        const Lanes z = 1.0F / (known ? inverse : AllLanes(1.0F));
+        const Lanes sigma = noise.a_m + noise.b_per_m * z * z;
+        Lanes here[3];
+        for (int c = 0; c < 3; ++c) here[c] = LoadLanes(channels[c].row(y + radius) + centre);
+        // What each neighbour counts, if its depth fits.
+        Lanes weights[kMaxDenoiseTaps];
+        int tap = 0;
+        for (int dy = -radius; dy <= radius; ++dy) {
+          const float* inverse_row = inverse_depth.row(y + radius + dy) + centre;
+          const float* reliability_row = reliability.row(y + radius + dy) + centre;
+          const float* rows[3];
+          for (int c = 0; c < 3; ++c) rows[c] = channels[c].row(y + radius + dy) + centre;
+          for (int dx = -radius; dx <= radius; ++dx) {
+            const Lanes difference = AbsLanes(LoadLanes(rows[0] + dx) - here[0]) +
+                                     AbsLanes(LoadLanes(rows[1] + dx) - here[1]) +
+                                     AbsLanes(LoadLanes(rows[2] + dx) - here[2]);
+            const Lanes colour = difference * (1.0F / 90.0F);
+            weights[tap++] =
+                KeepLanes(LoadLanes(inverse_row + dx) > 0, LoadLanes(reliability_row + dx) / (1.0F + colour * colour));
+          }
+        }
         // Affine fit of 1/z about the pixel, twice: first gated around the pixel's own depth, then around the first
         // fit, so that a noisy centre does not decide who its neighbours are. Gates in inverse depth: dz / z^2.
-        const float gate = 3.0F * sigma * inverse * inverse, slant = 0.015F * inverse;
-        float c0 = inverse, cx = 0, cy = 0;
-        bool fitted = false;
+        const Lanes gate = 3.0F * sigma * inverse * inverse, slant = 0.015F * inverse;
+        Lanes c0 = inverse, cx = {}, cy = {};
+        LaneInts fitted = {}, going = known;
         for (int round = 0; round < 2; ++round) {
-          float s = 0, sx = 0, sy = 0, sxx = 0, sxy = 0, syy = 0, sv = 0, sxv = 0, syv = 0;
-          for (int ny = std::max(0, y - radius); ny <= std::min(height - 1, y + radius); ++ny) {
-            const float dy = static_cast<float>(ny - y);
-            const float* inverse_row = inverse_depth.row(ny);
-            const float* filled_row = distance.row(ny);
-            const Rgb8* color_row = color.row(ny);
-            for (int nx = std::max(0, x - radius); nx <= std::min(width - 1, x + radius); ++nx) {
-              const float v = inverse_row[nx];
-              const float dx = static_cast<float>(nx - x);
+          Lanes s = {}, sx = {}, sy = {}, sxx = {}, sxy = {}, syy = {}, sv = {}, sxv = {}, syv = {};
+          tap = 0;
+          for (int dy = -radius; dy <= radius; ++dy) {
+            const float* inverse_row = inverse_depth.row(y + radius + dy) + centre;
+            const auto fy = static_cast<float>(dy);
+            const Lanes row_fit = c0 + cy * fy;
+            Lanes row_s = {}, row_sx = {}, row_sxx = {}, row_sv = {}, row_sxv = {};
+            for (int dx = -radius; dx <= radius; ++dx) {
+              const auto fx = static_cast<float>(dx);
+              const Lanes v = LoadLanes(inverse_row + dx);
               // Before the first fit a slant shows as a difference: allow it 1.5 % a pixel.
-              const float allowed = round == 0 ? gate + slant * std::max(std::abs(dx), std::abs(dy)) : gate;
-              if (v <= 0 || std::abs(v - (c0 + cx * dx + cy * dy)) > allowed) continue;
-              const float colour = static_cast<float>(ColorDifference(here, color_row[nx])) / 90.0F;
-              const float weight = 1.0F / ((1.0F + filled_row[nx]) * (1.0F + colour * colour));
-              s += weight, sx += weight * dx, sy += weight * dy;
-              sxx += weight * dx * dx, sxy += weight * dx * dy, syy += weight * dy * dy;
+              const Lanes allowed =
+                  round == 0 ? gate + slant * static_cast<float>(std::max(std::abs(dx), std::abs(dy))) : gate;
+              const Lanes weight = KeepLanes(AbsLanes(v - (row_fit + cx * fx)) <= allowed, weights[tap++]);
               // Relative to the centre, where single precision has digits to spare.
-              const float r = v - inverse;
-              sv += weight * r, sxv += weight * dx * r, syv += weight * dy * r;
+              const Lanes r = v - inverse;
+              const Lanes weight_x = weight * fx;
+              row_s += weight, row_sx += weight_x, row_sxx += weight_x * fx;
+              row_sv += weight * r, row_sxv += weight_x * r;
             }
+            s += row_s, sx += row_sx, sxx += row_sxx, sv += row_sv, sxv += row_sxv;
+            sy += row_s * fy, syy += row_s * (fy * fy), sxy += row_sx * fy, syv += row_sv * fy;
           }
-          if (s < 2.0F) break;
+          const LaneInts enough = going & (s >= 2.0F);
+          s = enough ? s : AllLanes(1.0F);
           // Normal equations, damped towards no slope so that a line of pixels does not tilt freely.
-          const float mx = sx / s, my = sy / s, mv = sv / s;
-          const float damping = 0.02F * s;
-          const float a = sxx - sx * mx + damping, b = sxy - sx * my, d = syy - sy * my + damping;
-          const float e = sxv - sx * mv, f = syv - sy * mv;
-          const float determinant = a * d - b * b;
-          cx = (e * d - b * f) / determinant, cy = (a * f - b * e) / determinant;
-          c0 = inverse + mv - cx * mx - cy * my;
-          fitted = c0 > 0;
-          if (!fitted) break;
+          const Lanes mx = sx / s, my = sy / s, mv = sv / s;
+          const Lanes damping = 0.02F * s;
+          const Lanes a = sxx - sx * mx + damping, b = sxy - sx * my, d = syy - sy * my + damping;
+          const Lanes e = sxv - sx * mv, f = syv - sy * mv;
+          const Lanes determinant = a * d - b * b;
+          const Lanes next_cx = (e * d - b * f) / determinant, next_cy = (a * f - b * e) / determinant;
+          const Lanes next_c0 = inverse + mv - next_cx * mx - next_cy * my;
+          c0 = enough ? next_c0 : c0, cx = enough ? next_cx : cx, cy = enough ? next_cy : cy;
+          fitted = enough ? LaneInts(c0 > 0) : fitted;
+          going = enough & fitted;
         }
         // A fit further from the measurement than noise explains has found another surface.
-        if (fitted && std::abs(1.0F / c0 - z) <= 4.0F * sigma) out(x, y) = 1.0F / c0;
+        const Lanes plane_z = 1.0F / (fitted ? c0 : AllLanes(1.0F));
+        const LaneInts better = fitted & (AbsLanes(plane_z - z) <= 4.0F * sigma);
+        for (int i = 0; i < std::min(kLanes, width - x); ++i)
+          out(x + i, y) = better[i] ? plane_z[i] : depth_m(x + i, y);
       }
   });
   return out;

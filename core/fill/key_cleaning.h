@@ -53,6 +53,8 @@ FilledDepth FillAlongColor(ImageView<const float> depth_m, ImageView<const Rgb8>
 
 // Replaces each depth by a plane fitted robustly, in inverse depth, to the pixels of its layer and colour around it.
 // A plane in space is affine in (x, y, 1/z), so slants keep their depth. Pixels without support stay as they are.
+// `radius` of the window: 1 .. kMaxDenoiseRadius pixels.
+constexpr int kMaxDenoiseRadius = 7;
 Image<float> DenoiseInLayers(ImageView<const float> depth_m, ImageView<const float> distance,
                              ImageView<const Rgb8> color, const DepthNoise& noise, int radius, int threads);
 
