@@ -12,22 +12,19 @@ constexpr int kLanes = 8;
 typedef float Lanes __attribute__((vector_size(32)));
 typedef int32_t LaneInts __attribute__((vector_size(32)));
 
-// From and to any address.
+// From any address.
 inline Lanes LoadLanes(const float* p) {
   Lanes v;
   std::memcpy(&v, p, sizeof(v));
   return v;
 }
-inline void StoreLanes(float* p, Lanes v) { std::memcpy(p, &v, sizeof(v)); }
 inline Lanes AllLanes(float value) { return Lanes{} + value; }
 inline Lanes AbsLanes(Lanes v) { return reinterpret_cast<Lanes>(reinterpret_cast<LaneInts>(v) & 0x7FFFFFFF); }
 inline Lanes MinLanes(Lanes a, Lanes b) { return a < b ? a : b; }
-inline Lanes MaxLanes(Lanes a, Lanes b) { return a > b ? a : b; }
 // `value` where `mask` is set, else 0.
 inline Lanes KeepLanes(LaneInts mask, Lanes value) {
   return reinterpret_cast<Lanes>(mask & reinterpret_cast<LaneInts>(value));
 }
-inline float SumLanes(Lanes v) { return ((v[0] + v[1]) + (v[2] + v[3])) + ((v[4] + v[5]) + (v[6] + v[7])); }
 
 }  // namespace depthtween
 

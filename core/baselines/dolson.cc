@@ -6,7 +6,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/str_format.h"
 #include "core/base/parallel.h"
 #include "core/baselines/frame_steps.h"
 #include "core/baselines/permutohedral_lattice.h"
@@ -152,16 +151,6 @@ class FrameFilter {
   const Image<Rgb8>& color_;
   const float time_;
 };
-
-absl::StatusOr<Image<Rgb8>> ReadColor(const FrameSource& source, int color_index) {
-  ASSIGN_OR_RETURN(Image<Rgb8> color, source.Color(color_index));
-  const Sequence& sequence = source.sequence();
-  if (color.width() != sequence.camera.width || color.height() != sequence.camera.height)
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %d x %d, must be %d x %d as the camera says",
-                                                      sequence.color[color_index].path, color.width(), color.height(),
-                                                      sequence.camera.width, sequence.camera.height));
-  return color;
-}
 
 }  // namespace
 

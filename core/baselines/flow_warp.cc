@@ -43,12 +43,7 @@ absl::StatusOr<Image<Flow2>> DisMedium(const Image<uint8_t>& from, const Image<u
 }
 
 absl::StatusOr<Image<uint8_t>> ReadLuma(const FrameSource& source, int color_index) {
-  ASSIGN_OR_RETURN(const Image<Rgb8> color, source.Color(color_index));
-  const Sequence& sequence = source.sequence();
-  if (color.width() != sequence.camera.width || color.height() != sequence.camera.height)
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %d x %d, must be %d x %d as the camera says",
-                                                      sequence.color[color_index].path, color.width(), color.height(),
-                                                      sequence.camera.width, sequence.camera.height));
+  ASSIGN_OR_RETURN(const Image<Rgb8> color, ReadColor(source, color_index));
   return Luma(color);
 }
 

@@ -29,6 +29,16 @@ absl::StatusOr<KeyPair> ReadKeys(const FrameSource& source, const Interval& inte
   return keys;
 }
 
+absl::StatusOr<Image<Rgb8>> ReadColor(const FrameSource& source, int color_index) {
+  ASSIGN_OR_RETURN(Image<Rgb8> color, source.Color(color_index));
+  const Sequence& sequence = source.sequence();
+  if (color.width() != sequence.camera.width || color.height() != sequence.camera.height)
+    return absl::InvalidArgumentError(absl::StrFormat("%s is %d x %d, must be %d x %d as the camera says",
+                                                      sequence.color[color_index].path, color.width(), color.height(),
+                                                      sequence.camera.width, sequence.camera.height));
+  return color;
+}
+
 int NearestColorFrame(const Sequence& sequence, int64_t time_ns) {
   const auto& color = sequence.color;
   const auto after = std::lower_bound(color.begin(), color.end(), time_ns,

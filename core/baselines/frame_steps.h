@@ -27,6 +27,9 @@ struct KeyPair {
 // InvalidArgument if a decoded depth map is not of the camera's size.
 absl::StatusOr<KeyPair> ReadKeys(const FrameSource& source, const Interval& interval);
 
+// InvalidArgument if the decoded image is not of the camera's size.
+absl::StatusOr<Image<Rgb8>> ReadColor(const FrameSource& source, int color_index);
+
 // The colour frame nearest in time; the earlier one of two as near. `sequence` must be valid.
 int NearestColorFrame(const Sequence& sequence, int64_t time_ns);
 

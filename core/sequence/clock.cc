@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <utility>
 
 #include "absl/strings/str_format.h"
 
@@ -51,21 +50,12 @@ int64_t ClockModel::ColorTime(int64_t depth_stamp_ns) const {
   return depth_stamp_ns - std::llround((offset_ns + drift * since) / (1.0 + drift));
 }
 
-double ClockModel::OffsetAt(int64_t color_time_ns) const {
-  return offset_ns + 1e-6 * drift_ppm * static_cast<double>(color_time_ns - reference_ns);
-}
-
 absl::Status ClockModel::Validate() const {
   const auto error = [](const char* field, double value, const char* rule) {
     return absl::InvalidArgumentError(absl::StrFormat("ClockModel.%s = %g, must be %s", field, value, rule));
   };
   if (!(std::abs(offset_ns) <= kMaxOffsetNs)) return error("offset_ns", offset_ns, "within an hour (3.6e12)");
   if (!(std::abs(drift_ppm) <= kMaxDriftPpm)) return error("drift_ppm", drift_ppm, "within 100000 (a tenth)");
-  if (!std::isfinite(row_time_ns)) return error("row_time_ns", row_time_ns, "finite");
-  for (const auto& [field, sigma] : {std::pair{"offset_sigma_ns", offset_sigma_ns},
-                                     {"drift_sigma_ppm", drift_sigma_ppm},
-                                     {"row_time_sigma_ns", row_time_sigma_ns}})
-    if (!(sigma >= 0) || !std::isfinite(sigma)) return error(field, sigma, "at least 0 and finite");
   return absl::OkStatus();
 }
 

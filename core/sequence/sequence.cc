@@ -45,9 +45,6 @@ Sequence KeepEveryNthDepth(const Sequence& sequence, int n) {
   return kept;
 }
 
-EveryNthDepth::EveryNthDepth(const FrameSource& source, int n)
-    : source_(source), n_(n), sequence_(KeepEveryNthDepth(source.sequence(), n)) {}
-
 std::vector<absl::Status> Violations(const Sequence& sequence) {
   std::vector<absl::Status> out;
   if (absl::Status camera = sequence.camera.Validate(); !camera.ok()) out.push_back(camera);

@@ -60,20 +60,6 @@ class FrameSource {
   virtual absl::StatusOr<Image<float>> Depth(int index) const = 0;
 };
 
-// A view of `source` with only every n-th depth frame. Borrows `source`.
-class EveryNthDepth : public FrameSource {
- public:
-  EveryNthDepth(const FrameSource& source, int n);
-  const Sequence& sequence() const override { return sequence_; }
-  absl::StatusOr<Image<Rgb8>> Color(int index) const override { return source_.Color(index); }
-  absl::StatusOr<Image<float>> Depth(int index) const override { return source_.Depth(index * n_); }
-
- private:
-  const FrameSource& source_;
-  const int n_;
-  const Sequence sequence_;
-};
-
 // Frames held in memory: for tests and for callers that have no files.
 class MemorySource : public FrameSource {
  public:

@@ -28,10 +28,6 @@ json ToJson(const ClipClock& clock) {
   return {{"reference_ns", model.reference_ns},
           {"offset_ns", model.offset_ns},
           {"drift_ppm", model.drift_ppm},
-          {"row_time_ns", model.row_time_ns},
-          {"offset_sigma_ns", model.offset_sigma_ns},
-          {"drift_sigma_ppm", model.drift_sigma_ppm},
-          {"row_time_sigma_ns", model.row_time_sigma_ns},
           {"color_per_depth", clock.color_per_depth}};
 }
 
@@ -40,11 +36,7 @@ ClipClock ClockOf(const json& plan_or_report) {
   const json& clock = plan_or_report.at("clock");
   return {.model = {.reference_ns = clock.at("reference_ns").get<int64_t>(),
                     .offset_ns = clock.at("offset_ns").get<double>(),
-                    .drift_ppm = clock.at("drift_ppm").get<double>(),
-                    .row_time_ns = clock.at("row_time_ns").get<double>(),
-                    .offset_sigma_ns = clock.at("offset_sigma_ns").get<double>(),
-                    .drift_sigma_ppm = clock.at("drift_sigma_ppm").get<double>(),
-                    .row_time_sigma_ns = clock.at("row_time_sigma_ns").get<double>()},
+                    .drift_ppm = clock.at("drift_ppm").get<double>()},
           .color_per_depth = clock.at("color_per_depth").get<int>()};
 }
 

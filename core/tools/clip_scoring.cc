@@ -1,7 +1,6 @@
 #include "core/tools/clip_scoring.h"
 
 #include <algorithm>
-#include <chrono>
 #include <numeric>
 #include <utility>
 
@@ -106,11 +105,8 @@ absl::StatusOr<ClipScores> ScoreMethods(const SequenceFolder& reference, ClipTru
     if (options.stop.stop_requested()) return absl::CancelledError("stopped on request");
     if (options.on_frame) options.on_frame(done, static_cast<int>(frames.size()));
     std::vector<std::vector<DepthResult>> results;
-    for (size_t m = 0; m < methods.size(); ++m) {
-      const auto start = std::chrono::steady_clock::now();
-      ASSIGN_OR_RETURN(results.emplace_back(), RunMethod(methods[m], keys, batch, options));
-      const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
-      if (options.on_run) options.on_run(m, static_cast<int>(batch.frames.size()), seconds.count());
+    for (const ScoredMethod& method : methods) {
+      ASSIGN_OR_RETURN(results.emplace_back(), RunMethod(method, keys, batch, options));
     }
     for (size_t f = 0; f < batch.frames.size(); ++f) {
       const int color = batch.frames[f];

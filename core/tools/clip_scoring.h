@@ -1,4 +1,4 @@
-// Scores any number of methods on the same clip against the same truth: what `evaluate` and `benchmark` share.
+// Scores any number of methods on the same clip against the same truth: what `evaluate` and the self-check share.
 //
 // A method is an Upsampler; a stored result is one too (StoredResult). What methods answer is rounded to the units that
 // results are stored in, so that a method computed here gets the numbers that its stored result gets.
@@ -38,8 +38,6 @@ struct ScoringOptions {
   std::optional<std::vector<std::vector<int>>> floor_runs = std::nullopt;
   // Called before each scored frame, from the calling thread. May be empty.
   std::function<void(int done, int total)> on_frame = nullptr;
-  // Called after each run of a method, likewise: which, the colour frames it answered, wall seconds. May be empty.
-  std::function<void(size_t method, int frames, double seconds)> on_run = nullptr;
 };
 
 struct ClipScores {

@@ -4,18 +4,10 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/base/lanes.h"
+
 namespace depthtween {
 namespace {
-
-// One row of a window. GCC and clang turn arithmetic on it into vector instructions of whatever width the target has.
-typedef float Lanes __attribute__((vector_size(32)));
-
-Lanes Load(const float* p) {
-  Lanes v;
-  std::memcpy(&v, p, sizeof(v));
-  return v;
-}
-Lanes Abs(Lanes v) { return v < 0 ? -v : v; }
 
 constexpr float kGradientWeight = 0.5F;
 // Support falls to a half where the colours differ by this much (sum over three channels).
@@ -51,10 +43,11 @@ MatchPatch::MatchPatch(const MatchImage& target, int x, int y) {
   for (int i = 0; i < kRows; ++i) {
     const int row = y + i - kRadius;
     for (int p = 0; p < MatchImage::kPlanes; ++p) {
-      const Lanes v = Load(target.row(p, row) + x - kRadius);
+      const Lanes v = LoadLanes(target.row(p, row) + x - kRadius);
       std::memcpy(value_[p][i], &v, sizeof(v));
     }
-    const Lanes difference = Abs(Load(value_[0][i]) - r) + Abs(Load(value_[1][i]) - g) + Abs(Load(value_[2][i]) - b);
+    const Lanes difference = AbsLanes(LoadLanes(value_[0][i]) - r) + AbsLanes(LoadLanes(value_[1][i]) - g) +
+                             AbsLanes(LoadLanes(value_[2][i]) - b);
     const Lanes ratio = difference * (1.0F / kSupportColor);
     const Lanes weight = kInWindow / (1.0F + ratio * ratio);
     std::memcpy(weight_[i], &weight, sizeof(weight));
@@ -82,13 +75,14 @@ float MatchPatch::CostAt(const MatchImage& key, float x, float y, float limit) c
     for (int p = 0; p < MatchImage::kPlanes; ++p) {
       const float* top = key.row(p, y0 + i) + x0;
       const float* bottom = key.row(p, y0 + i + 1) + x0;
-      const Lanes there = w00 * Load(top) + w10 * Load(top + 1) + w01 * Load(bottom) + w11 * Load(bottom + 1);
-      const Lanes difference = Abs(there - Load(value_[p][i]));
+      const Lanes there =
+          w00 * LoadLanes(top) + w10 * LoadLanes(top + 1) + w01 * LoadLanes(bottom) + w11 * LoadLanes(bottom + 1);
+      const Lanes difference = AbsLanes(there - LoadLanes(value_[p][i]));
       (p < 3 ? color : gradient) += difference;
     }
     const Lanes difference = color * (1.0F / 3.0F) + gradient * kGradientWeight;
-    const Lanes truncated = difference < kTruncation ? difference : Lanes{} + kTruncation;
-    const Lanes weighted = truncated * Load(weight_[i]);
+    const Lanes truncated = MinLanes(difference, AllLanes(kTruncation));
+    const Lanes weighted = truncated * LoadLanes(weight_[i]);
     cost += ((weighted[0] + weighted[1]) + (weighted[2] + weighted[3])) + weighted[4];
     if (cost > limit) break;
   }

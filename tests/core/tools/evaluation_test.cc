@@ -83,7 +83,7 @@ class EvaluationTest : public testing::Test {
                           int key_every, const std::function<void(DepthResult&)>& change = nullptr) {
     const auto folder = SequenceFolder::Open(sequence_dir);
     EXPECT_TRUE(folder.ok()) << folder.status();
-    const EveryNthDepth source(**folder, key_every);
+    const ClipSource source(**folder, {}, key_every);
     const auto writer = ResultWriter::Create(Path(name), source.sequence());
     EXPECT_TRUE(writer.ok()) << writer.status();
     const auto upsampler = MakeBaseline(baseline);

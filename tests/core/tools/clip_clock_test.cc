@@ -1,0 +1,82 @@
+#include "core/tools/clip_clock.h"
+
+#include <utility>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace depthtween::tools {
+namespace {
+
+using testing::HasSubstr;
+
+// The forms that the header lists, and what is none of them.
+TEST(ClockChoice, IsReadAsWritten) {
+  EXPECT_EQ(ParseClockChoice("stamps")->mode, ClockChoice::Mode::kStamps);
+  EXPECT_EQ(ParseClockChoice("index")->mode, ClockChoice::Mode::kIndex);
+  const auto offset = ParseClockChoice("-2.5");
+  ASSERT_TRUE(offset.ok()) << offset.status();
+  EXPECT_EQ(offset->mode, ClockChoice::Mode::kGiven);
+  EXPECT_EQ(offset->offset_ms, -2.5);
+  EXPECT_EQ(offset->drift_ppm, 0.0);
+  EXPECT_EQ(ParseClockChoice("4,3000")->drift_ppm, 3000.0);
+  for (const char* wrong : {"", "sundial", "4,", "4,5,6", "nan", "1e12"})
+    EXPECT_EQ(ParseClockChoice(wrong).status().code(), absl::StatusCode::kInvalidArgument) << wrong;
+  EXPECT_THAT(std::string(ParseClockChoice("sundial").status().message()),
+              HasSubstr("'sundial', must be stamps, index"));
+}
+
+// Every bit must come back: all tasks of a job see the same stamps. Where nothing is told, stamps are right.
+TEST(ClipClock, SurvivesJson) {
+  const ClipClock clock{.model = {.reference_ns = 1305031232193716000, .offset_ns = 1e6 / 3, .drift_ppm = -1.0 / 7},
+                        .color_per_depth = 8};
+  const ClipClock read = ClockOf(nlohmann::json::parse(nlohmann::json{{"clock", ToJson(clock)}}.dump()));
+  EXPECT_EQ(read.model.reference_ns, clock.model.reference_ns);
+  EXPECT_EQ(read.model.offset_ns, clock.model.offset_ns);
+  EXPECT_EQ(read.model.drift_ppm, clock.model.drift_ppm);
+  EXPECT_EQ(read.color_per_depth, 8);
+  const ClipClock none = ClockOf(nlohmann::json::object());
+  EXPECT_EQ(none.model.ColorTime(12345), 12345);
+  EXPECT_EQ(none.color_per_depth, 0);
+}
+
+// Nine colour frames a millisecond apart, depth with every second one stamped half a millisecond late. A frame's value
+// tells which it is.
+MemorySource Recording() {
+  Sequence sequence{.camera = {.width = 4, .height = 4, .fx = 4, .fy = 4, .cx = 2, .cy = 2}, .depth_scale = 1000};
+  std::vector<Image<Rgb8>> color;
+  std::vector<Image<float>> depth_m;
+  for (int i = 0; i < 9; ++i) {
+    sequence.color.push_back({i * 1'000'000, "c"});
+    color.emplace_back(4, 4, Rgb8{static_cast<uint8_t>(i), 0, 0});
+    if (i % 2 != 0) continue;
+    sequence.depth.push_back({i * 1'000'000 + 500'000, "d"});
+    depth_m.emplace_back(4, 4, 1.0F + static_cast<float>(i));
+  }
+  return {std::move(sequence), std::move(color), std::move(depth_m)};
+}
+
+// Stamps move, frames stay those of the recording, and every n-th depth frame is the one that its stamp says.
+TEST(ClipSource, HasStampsAndFramesThatBelongTogether) {
+  const MemorySource recording = Recording();
+  for (const int key_every : {1, 2}) {
+    const ClipSource clip(recording, {.model = {.offset_ns = 500'000}}, key_every);
+    ASSERT_EQ(clip.sequence().depth.size(), key_every == 1 ? 5U : 3U);
+    for (size_t k = 0; k < clip.sequence().depth.size(); ++k) {
+      const int color = 2 * key_every * static_cast<int>(k);
+      EXPECT_EQ(clip.sequence().depth[k].time_ns, color * 1'000'000);
+      EXPECT_EQ((*clip.Depth(static_cast<int>(k)))(0, 0), 1.0F + static_cast<float>(color));
+    }
+    EXPECT_EQ(clip.sequence().color[3].time_ns, 3'000'000);
+    EXPECT_EQ((*clip.Color(3))(0, 0).r, 3);
+  }
+  // Pairing comes before leaving out: depth frame k belongs to colour frame 2 k, whichever are kept.
+  const ClipSource paired(recording, {.color_per_depth = 2}, 2);
+  ASSERT_EQ(paired.sequence().depth.size(), 3U);
+  EXPECT_EQ(paired.sequence().depth[1].time_ns, 4'000'000);
+  EXPECT_EQ((*paired.Depth(1))(0, 0), 5.0F);
+}
+
+}  // namespace
+}  // namespace depthtween::tools
