@@ -46,12 +46,14 @@ absl::Status Comparison::AddFrame(const TruthFrame& truth, std::span<const Metho
   }
   const TrueMotion& motion = truth.motion;
   if (!FitsOrEmpty(motion.flow_px, truth.depth_m) || !motion.flow_px.SameSize(motion.valid) ||
-      !FitsOrEmpty(motion.hidden_in_next, truth.depth_m) || !FitsOrEmpty(truth.unseen, truth.depth_m))
+      !FitsOrEmpty(motion.hidden_in_next, truth.depth_m) || !FitsOrEmpty(truth.unseen, truth.depth_m) ||
+      !FitsOrEmpty(truth.color, truth.depth_m))
     return absl::InvalidArgumentError(
-        absl::StrFormat("true flow, occlusion and depth of colour frame %d differ in size, must be %d x %d",
+        absl::StrFormat("true flow, occlusion, colour and depth of colour frame %d differ in size, must be %d x %d",
                         truth.color_index, width, height));
 
   const Image<uint8_t> edge_band = EdgeBand(truth.depth_m);
+  const Image<uint8_t> untextured = truth.color.empty() ? Image<uint8_t>() : Untextured(truth.color);
   Image<float> truth_m(width, height);  // where all methods answer, else 0
   std::vector<Image<float>> estimates_m;
   for (size_t m = 0; m < methods.size(); ++m) estimates_m.emplace_back(width, height);
@@ -73,7 +75,7 @@ absl::Status Comparison::AddFrame(const TruthFrame& truth, std::span<const Metho
       ++frame.pixels;
       truth_m(x, y) = true_m;
       const bool moves_known = !motion.flow_px.empty() && motion.valid(x, y) != 0;
-      const bool moves = moves_known && std::hypot(motion.flow_px(x, y).u, motion.flow_px(x, y).v) > kMovingPx;
+      const float motion_px = moves_known ? std::hypot(motion.flow_px(x, y).u, motion.flow_px(x, y).v) : 0.0F;
       const bool unseen = !truth.unseen.empty() && truth.unseen(x, y) != 0;
       for (size_t m = 0; m < methods.size(); ++m) {
         const float estimate_m = methods[m].depth_m(x, y);
@@ -83,8 +85,10 @@ absl::Status Comparison::AddFrame(const TruthFrame& truth, std::span<const Metho
         const auto add = [&](Region region) { methods_[m].errors[static_cast<size_t>(region)].Add(error_m); };
         add(Region::kAll);
         add(edge_band(x, y) != 0 ? Region::kEdgeBand : Region::kInterior);
-        if (moves_known) add(moves ? Region::kMoving : Region::kStatic);
+        if (moves_known) add(motion_px > kMovingPx ? Region::kMoving : Region::kStatic);
+        if (motion_px > kFastPx) add(Region::kFast);
         if (unseen) add(Region::kDisoccluded);
+        if (!untextured.empty() && untextured(x, y) != 0) add(Region::kUntextured);
         if (methods[m].sigma_m.empty()) continue;
         if (const float sigma_m = methods[m].sigma_m(x, y); Known(sigma_m))
           methods_[m].uncertainty.Add(error_m, sigma_m);
@@ -140,6 +144,7 @@ ComparisonScore Comparison::Score() const {
     MethodScore& out = score.methods.emplace_back();
     out.name = method.name;
     for (size_t r = 0; r < kRegions.size(); ++r) out.regions[r] = method.errors[r].Score();
+    out.errors_below = method.errors[static_cast<size_t>(Region::kAll)].Curve();
     out.edges = method.edges.Score();
     out.completeness =
         truth_pixels_ > 0 ? static_cast<double>(method.filled) / static_cast<double>(truth_pixels_) : 0.0;

@@ -23,8 +23,9 @@ namespace depthtween {
 struct TruthFrame {
   int color_index = -1;
   ImageView<const float> depth_m;
-  TrueMotion motion;                // to the next colour frame: for moving, static and flicker
+  TrueMotion motion;                // to the next colour frame: for moving, fast, static and flicker
   ImageView<const uint8_t> unseen;  // nonzero: not seen by the key before (KeyVisibility)
+  ImageView<const Rgb8> color;      // the frame itself: for untextured
 };
 
 struct MethodFrame {
@@ -35,6 +36,7 @@ struct MethodFrame {
 struct MethodScore {
   std::string name;
   std::array<DepthScore, kRegions.size()> regions;  // indexed by Region; on common pixels
+  std::vector<double> errors_below;                 // ErrorCurve of all common pixels
   EdgeScore edges;                                  // on common pixels
   double completeness = 0.0;                        // share of truth pixels that this method fills, [0,1]
   // Mean |change of the estimate along the true motion - change of the truth|, mm; none without true motion.

@@ -30,6 +30,8 @@ class LogHistogram {
 
   // The key that a share `quantile` in [0,1] of all keys does not exceed, to within 0.1 %. 0 when empty.
   double Quantile(double quantile) const;
+  // The share of keys that are at most `key`, to within 0.1 % of it. 0 when empty.
+  double ShareUpTo(float key) const;
 
  private:
   std::vector<Bin> bins_;

@@ -54,10 +54,14 @@ std::string_view RegionName(Region region) {
       return "interior";
     case Region::kMoving:
       return "moving";
+    case Region::kFast:
+      return "fast";
     case Region::kStatic:
       return "static";
     case Region::kDisoccluded:
       return "disoccluded";
+    case Region::kUntextured:
+      return "untextured";
   }
   return "";
 }
@@ -94,6 +98,37 @@ Image<uint8_t> DilateSquare(ImageView<const uint8_t> mask, int radius) {
 }
 
 Image<uint8_t> EdgeBand(ImageView<const float> depth_m) { return DilateDisc(DepthJumps(depth_m), kEdgeBandPx); }
+
+Image<uint8_t> Untextured(ImageView<const Rgb8> color) {
+  // Sums over a window from sums over everything above and left of its corners.
+  const int width = color.width(), height = color.height();
+  Image<double> sums(width + 1, height + 1), squares(width + 1, height + 1);
+  for (int y = 0; y < height; ++y) {
+    double row_sum = 0.0, row_squares = 0.0;
+    for (int x = 0; x < width; ++x) {
+      const Rgb8 c = color(x, y);
+      const double luma = 0.299 * c.r + 0.587 * c.g + 0.114 * c.b;  // BT.601
+      row_sum += luma;
+      row_squares += luma * luma;
+      sums(x + 1, y + 1) = sums(x + 1, y) + row_sum;
+      squares(x + 1, y + 1) = squares(x + 1, y) + row_squares;
+    }
+  }
+  Image<uint8_t> mask(width, height);
+  for (int y = 0; y < height; ++y) {
+    const int top = std::max(y - kTextureRadiusPx, 0), bottom = std::min(y + kTextureRadiusPx + 1, height);
+    for (int x = 0; x < width; ++x) {
+      const int left = std::max(x - kTextureRadiusPx, 0), right = std::min(x + kTextureRadiusPx + 1, width);
+      const auto over = [&](const Image<double>& table) {
+        return table(right, bottom) - table(left, bottom) - table(right, top) + table(left, top);
+      };
+      const double count = static_cast<double>(right - left) * (bottom - top), mean = over(sums) / count;
+      const double variance = over(squares) / count - mean * mean;
+      mask(x, y) = variance < kUntexturedLevels * kUntexturedLevels ? 1 : 0;
+    }
+  }
+  return mask;
+}
 
 void KeyVisibility::Restart(int width, int height) {
   position_ = Image<Flow2>(width, height);

@@ -14,15 +14,19 @@
 
 namespace depthtween {
 
-enum class Region { kAll, kEdgeBand, kInterior, kMoving, kStatic, kDisoccluded };
-inline constexpr std::array kRegions = {Region::kAll,    Region::kEdgeBand, Region::kInterior,
-                                        Region::kMoving, Region::kStatic,   Region::kDisoccluded};
+enum class Region { kAll, kEdgeBand, kInterior, kMoving, kFast, kStatic, kDisoccluded, kUntextured };
+inline constexpr std::array kRegions = {Region::kAll,  Region::kEdgeBand, Region::kInterior,    Region::kMoving,
+                                        Region::kFast, Region::kStatic,   Region::kDisoccluded, Region::kUntextured};
 // "all", "edge_band", ...: the names used in reports.
 std::string_view RegionName(Region region);
 
-inline constexpr float kEdgeJumpM = 0.15F;      // between 3x3 neighbours: what counts as a depth edge
-inline constexpr int kEdgeBandPx = 4;           // the band reaches this far from a jump
-inline constexpr float kMovingPx = 0.25F;       // true motion per colour frame above which a pixel moves
+inline constexpr float kEdgeJumpM = 0.15F;  // between 3x3 neighbours: what counts as a depth edge
+inline constexpr int kEdgeBandPx = 4;       // the band reaches this far from a jump
+inline constexpr float kMovingPx = 0.25F;   // true motion per colour frame above which a pixel moves
+inline constexpr float kFastPx = 4.0F;      // and above which it is fast: 32 px over 8 frames
+inline constexpr float kUntexturedLevels =
+    3.0F;                                       // standard deviation of luma: above the noise of a good camera, of 1-2
+inline constexpr int kTextureRadiusPx = 4;      // in a square window of this radius
 inline constexpr float kFarthestTruthM = 8.0F;  // truth beyond is not scored: depth sensors end there
 
 // Pixels in whose 3x3 window known depths differ by more than kEdgeJumpM. A jump across a hole of one pixel counts:
@@ -38,6 +42,9 @@ Image<uint8_t> DilateSquare(ImageView<const uint8_t> mask, int radius);
 
 // Within kEdgeBandPx of a jump, as the crow flies.
 Image<uint8_t> EdgeBand(ImageView<const float> depth_m);
+
+// Pixels around which luma varies by less than kUntexturedLevels: nothing there for motion to hold on to.
+Image<uint8_t> Untextured(ImageView<const Rgb8> color);
 
 // True motion to the next colour frame.
 struct TrueMotion {

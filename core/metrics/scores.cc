@@ -67,6 +67,12 @@ DepthScore DepthErrors::Score() const {
           .within_5cm = Ratio(static_cast<double>(within_5cm_), count)};
 }
 
+std::vector<double> DepthErrors::Curve() const {
+  std::vector<double> shares;
+  for (const double at_mm : kErrorCurveMm) shares.push_back(magnitudes_.ShareUpTo(static_cast<float>(at_mm / kMmPerM)));
+  return shares;
+}
+
 void EdgeMatches::Add(ImageView<const float> truth_m, ImageView<const float> estimate_m) {
   assert(truth_m.SameSize(estimate_m));
   const Image<uint8_t> real = Silhouettes(truth_m), found = Silhouettes(estimate_m);

@@ -24,11 +24,22 @@ struct DepthScore {
   double within_5cm = 0.0;
 };
 
+// Where the distribution of errors is read off: four values an octave, from 1 mm to 4.096 m.
+inline constexpr std::array kErrorCurveMm = [] {
+  std::array<double, 49> at_mm = {};
+  constexpr std::array kWithinOctave = {1.0, 1.189207115002721, 1.4142135623730951, 1.681792830507429};
+  for (int i = 0; i < static_cast<int>(at_mm.size()); ++i)
+    at_mm[i] = static_cast<double>(1 << (i / 4)) * kWithinOctave[i % 4];
+  return at_mm;
+}();
+
 class DepthErrors {
  public:
   // Estimate minus truth, metres, finite.
   void Add(float error_m);
   DepthScore Score() const;
+  // The distribution of absolute errors: the share of them that is at most kErrorCurveMm[i], to within 0.1 % of it.
+  std::vector<double> Curve() const;
 
  private:
   LogHistogram magnitudes_;

@@ -40,8 +40,10 @@ absl::StatusOr<std::vector<DepthResult>> RunMethod(const ScoredMethod& method, c
   const RunContext context{.threads = options.threads, .stop = options.stop};
   const auto keep = [&](DepthResult result) {
     const auto found = std::lower_bound(batch.frames.begin(), batch.frames.end(), result.color_index);
-    if (found != batch.frames.end() && *found == result.color_index)
-      results[found - batch.frames.begin()] = AsStored(std::move(result), keys.sequence().depth_scale);
+    if (found == batch.frames.end() || *found != result.color_index) return absl::OkStatus();
+    if (!method.predicts_sigma) result.sigma_m = {};
+    result.provenance = {};
+    results[found - batch.frames.begin()] = AsStored(std::move(result), keys.sequence().depth_scale);
     return absl::OkStatus();
   };
   if (!method.any_frame) {
@@ -120,7 +122,11 @@ absl::StatusOr<ClipScores> ScoreMethods(const SequenceFolder& reference, ClipTru
         if (methods[m].predicts_sigma) estimates.back().sigma_m = result.sigma_m.view();
       }
       const std::string stem = sequence.color[color].Stem();
-      RETURN_IF_ERROR(WithContext(comparison.AddFrame(frame.View(), estimates), stem));
+      ASSIGN_OR_RETURN(const Image<Rgb8> picture, keys.Color(color));
+      TruthFrame view = frame.View();
+      view.color = picture;
+      RETURN_IF_ERROR(WithContext(comparison.AddFrame(view, estimates), stem));
+      if (options.on_scored) options.on_scored(view, estimates);
       scores.frame_stems.push_back(stem);
       ++done;
     }

@@ -56,6 +56,8 @@ json MethodToJson(const MethodScore& method) {
                     {"recall", method.edges.recall},
                     {"true_edges", method.edges.true_edges},
                     {"found_edges", method.edges.found_edges}};
+  if (method[Region::kAll].pixels > 0)
+    out["error_curve"] = {{"at_most_mm", kErrorCurveMm}, {"share", method.errors_below}};
   if (method.flicker_mm) out["flicker_mm"] = *method.flicker_mm;
   if (method.uncertainty.pixels > 0) out["uncertainty"] = UncertaintyToJson(method.uncertainty);
   return out;
@@ -117,11 +119,13 @@ std::string MotionTable(const Evaluation& evaluation) {
     return m.flicker_mm.has_value() || m[Region::kMoving].pixels + m[Region::kStatic].pixels > 0;
   });
   if (!known) return "";
-  std::vector<std::vector<std::string>> rows = {{"", "moving", "static", "disoccluded", "flicker"},
-                                                {"method", "RMSE mm", "RMSE mm", "RMSE mm", "mm"}};
+  std::vector<std::vector<std::string>> rows = {
+      {"", "moving", "fast", "static", "disoccluded", "untextured", "flicker"},
+      {"method", "RMSE mm", "RMSE mm", "RMSE mm", "RMSE mm", "RMSE mm", "mm"}};
   const auto cell = [](const DepthScore& score) { return score.pixels > 0 ? Number(score.rmse_mm) : std::string("-"); };
   for (const MethodScore& m : methods)
-    rows.push_back({m.name, cell(m[Region::kMoving]), cell(m[Region::kStatic]), cell(m[Region::kDisoccluded]),
+    rows.push_back({m.name, cell(m[Region::kMoving]), cell(m[Region::kFast]), cell(m[Region::kStatic]),
+                    cell(m[Region::kDisoccluded]), cell(m[Region::kUntextured]),
                     m.flicker_mm ? Number(*m.flicker_mm) : "-"});
   return "\n" + Columns(rows);
 }

@@ -2,7 +2,6 @@
 #include <unistd.h>
 
 #include <chrono>
-#include <cstdio>
 #include <filesystem>
 #include <iostream>
 #include <memory>
@@ -13,6 +12,7 @@
 #include "core/base/parallel.h"
 #include "core/synthetic/synthetic_sequence.h"
 #include "core/tools/commands.h"
+#include "core/tools/picture_size.h"
 #include "core/tools/signals.h"
 
 namespace depthtween::tools {
@@ -49,16 +49,6 @@ class RenderCounter {
   std::chrono::steady_clock::time_point shown_ = std::chrono::steady_clock::now();
 };
 
-// "WxH" into options.width and options.height.
-absl::Status ParseSize(const std::string& text, SyntheticOptions& options) {
-  int used = 0;
-  if (std::sscanf(text.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
-      used != static_cast<int>(text.size()))
-    return absl::InvalidArgumentError(
-        absl::StrFormat("--size = '%s', must be width x height in pixels, such as 512x424", text));
-  return absl::OkStatus();
-}
-
 // Makes sure that `out` may be written to: new, empty, or with `force` an earlier recording, whose parts are removed so
 // that no frame of it survives among the new ones. Everything else in the folder stays.
 absl::Status ClearOutput(const std::string& out, bool force) {
@@ -80,7 +70,7 @@ absl::Status ClearOutput(const std::string& out, bool force) {
 // The options as the library takes them. Everything wrong with them is said here, before anything is touched.
 absl::StatusOr<SyntheticOptions> ReadOptions(const SynthArguments& arguments) {
   SyntheticOptions options = arguments.options;
-  RETURN_IF_ERROR(ParseSize(arguments.size, options));
+  RETURN_IF_ERROR(ParsePictureSize(arguments.size, options.width, options.height));
   ASSIGN_OR_RETURN(options.sensor, SensorByName(arguments.noise));
   options.depth_phase_s = 1e-3 * arguments.depth_phase_ms;
   options.depth_clock.offset_s = 1e-3 * arguments.time_offset_ms;

@@ -74,6 +74,7 @@ int Main(int argc, const char* const* argv) {
   AddSynthCommand(app, &exit_code);
   AddUpsampleCommand(app, &exit_code);
   AddEvaluateCommand(app, &exit_code);
+  AddBenchmarkCommand(app, &exit_code);
   AddPreviewCommand(app, &exit_code);
   AddRenderCommand(app, &exit_code);
   AddTaskCommand(app, &exit_code);

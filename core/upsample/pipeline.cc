@@ -467,6 +467,25 @@ absl::Status PipelineOptions::Validate() const {
   return absl::OkStatus();
 }
 
+const std::vector<PipelineParameter>& PipelineParameters() {
+  using Options = PipelineOptions;
+  static const auto* const kParameters = new std::vector<PipelineParameter>{
+      {"sweeps",
+       {0, 1, 2, 3, 5},
+       [](const Options& o) { return static_cast<double>(o.sweeps); },
+       [](Options& o, double value) { o.sweeps = static_cast<int>(value); }},
+      {"median_radius",
+       {0, 1, 2, 3, 4, 6},
+       [](const Options& o) { return static_cast<double>(o.median_radius); },
+       [](Options& o, double value) { o.median_radius = static_cast<int>(value); }},
+      {"flow_finest_scale",
+       {0, 1, 2},
+       [](const Options& o) { return static_cast<double>(o.flow_finest_scale); },
+       [](Options& o, double value) { o.flow_finest_scale = static_cast<int>(value); }},
+  };
+  return *kParameters;
+}
+
 std::unique_ptr<Upsampler> MakePipeline(const PipelineOptions& options) { return std::make_unique<Pipeline>(options); }
 
 }  // namespace depthtween

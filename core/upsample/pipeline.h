@@ -42,6 +42,15 @@ struct PipelineOptions {
   absl::Status Validate() const;
 };
 
+// A number among the options whose effect is worth knowing.
+struct PipelineParameter {
+  std::string_view name;
+  std::vector<double> studied;  // ascending, valid; the default preset's value is among them
+  double (*get)(const PipelineOptions& options);
+  void (*set)(PipelineOptions& options, double value);
+};
+const std::vector<PipelineParameter>& PipelineParameters();
+
 // `options` must be valid.
 std::unique_ptr<Upsampler> MakePipeline(const PipelineOptions& options = {});
 

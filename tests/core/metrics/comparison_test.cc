@@ -73,16 +73,18 @@ TEST(Comparison, PoolsOverFramesOfUnequalSupport) {
   EXPECT_NEAR(score.methods[0][Region::kAll].mae_mm, 15.0, 1e-3);
 }
 
-// The right half moves by 2 px, the left stands; two columns were hidden. The truth moves along by 5 cm a frame; one
-// method follows it with a constant bias, which is error but not flicker, the other stands still, which is the reverse.
+// The right half moves by 2 px, its last five columns by 5, the left stands; two columns were hidden. The truth moves
+// along by 5 cm a frame; one method follows it with a constant bias, which is error but not flicker, the other stands
+// still, which is the reverse.
 TEST(Comparison, UsesTrueMotionWhereGiven) {
   Image<Flow2> flow(kWidth, kHeight);
   Image<uint8_t> valid(kWidth, kHeight, 1), hidden(kWidth, kHeight), unseen(kWidth, kHeight);
   for (int y = 0; y < kHeight; ++y) {
-    for (int x = 15; x < kWidth; ++x) flow(x, y) = {2.0F, 0.0F};
+    for (int x = 15; x < kWidth; ++x) flow(x, y) = {x < 25 ? 2.0F : 5.0F, 0.0F};
     unseen(14, y) = unseen(15, y) = 1;
     valid(0, y) = 0;
   }
+  const Image<Rgb8> grey(kWidth, kHeight, Rgb8{90, 90, 90});
   Comparison comparison({"biased", "still"});
   for (int frame = 1; frame <= 3; ++frame) {
     const float z = 1.0F + 0.05F * static_cast<float>(frame);
@@ -92,11 +94,14 @@ TEST(Comparison, UsesTrueMotionWhereGiven) {
     const TruthFrame truth{.color_index = frame,
                            .depth_m = truth_m,
                            .motion = {.flow_px = flow, .valid = valid, .hidden_in_next = hidden},
-                           .unseen = unseen};
+                           .unseen = unseen,
+                           .color = grey};
     ASSERT_TRUE(comparison.AddFrame(truth, methods).ok());
   }
   const ComparisonScore score = comparison.Score();
   const MethodScore& biased = score.methods[0];
+  EXPECT_EQ(biased[Region::kFast].pixels, 3 * 50);
+  EXPECT_EQ(biased[Region::kUntextured].pixels, 3 * kWidth * kHeight);
   EXPECT_EQ(biased[Region::kMoving].pixels, 3 * 150);
   EXPECT_EQ(biased[Region::kStatic].pixels, 3 * 140);
   EXPECT_EQ(biased[Region::kDisoccluded].pixels, 3 * 20);

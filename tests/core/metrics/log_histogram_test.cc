@@ -23,6 +23,16 @@ TEST(LogHistogram, QuantilesEqualThoseOfSortedKeys) {
   }
 }
 
+// Truth: counted by hand.
+TEST(LogHistogram, SharesCountWhatIsAtMost) {
+  LogHistogram histogram;
+  EXPECT_EQ(histogram.ShareUpTo(1.0F), 0.0);
+  for (const float key : {0.0F, 0.5F, 1.0F, 2.0F}) histogram.Add(key, 0);
+  EXPECT_EQ(histogram.ShareUpTo(0.0F), 0.25);
+  EXPECT_EQ(histogram.ShareUpTo(1.0F), 0.75);
+  EXPECT_EQ(histogram.ShareUpTo(300.0F), 1.0);
+}
+
 TEST(LogHistogram, KeepsExtremesAndTotals) {
   LogHistogram histogram;
   EXPECT_EQ(histogram.Quantile(0.5), 0.0);

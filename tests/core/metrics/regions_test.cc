@@ -48,6 +48,17 @@ TEST(Regions, SmallStepsAndHolesAreNoJumps) {
   EXPECT_EQ(std::count(band.data(), band.data() + band.pixel_count(), 1), 0);
 }
 
+// Left half one grey, right half stripes: a window of 9 pixels that reaches no stripe is flat, one full of stripes is
+// not.
+TEST(Regions, UntexturedIsWhereNothingVaries) {
+  Image<Rgb8> color(40, 20, Rgb8{100, 100, 100});
+  for (int y = 0; y < 20; ++y)
+    for (int x = 20; x < 40; x += 2) color(x, y) = {140, 140, 140};
+  const Image<uint8_t> flat = Untextured(color);
+  for (int x = 0; x < 16; ++x) EXPECT_EQ(flat(x, 10), 1) << x;
+  for (int x = 20; x < 40; ++x) EXPECT_EQ(flat(x, 10), 0) << x;
+}
+
 TEST(Regions, DilationStopsAtTheBorder) {
   Image<uint8_t> mask(7, 6);
   mask(0, 5) = 1;

@@ -20,6 +20,12 @@ TEST(DepthErrors, EqualsArithmeticByHand) {
   EXPECT_NEAR(score.median_mm, 20.0, 0.04);
   EXPECT_EQ(score.within_1cm, 0.25);
   EXPECT_EQ(score.within_5cm, 0.75);
+  const std::vector<double> curve = errors.Curve();
+  ASSERT_EQ(curve.size(), kErrorCurveMm.size());
+  for (size_t i = 0; i < curve.size(); ++i)
+    EXPECT_EQ(curve[i], 0.25 * ((kErrorCurveMm[i] >= 4) + (kErrorCurveMm[i] >= 20) + (kErrorCurveMm[i] >= 30) +
+                                (kErrorCurveMm[i] >= 300)))
+        << kErrorCurveMm[i];
 }
 
 // Sums and sorting over the whole list are the definition; the accumulator sees one error at a time.
