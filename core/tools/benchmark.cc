@@ -8,6 +8,7 @@
 #include <memory>
 #include <opencv2/video/tracking.hpp>
 #include <set>
+#include <span>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
@@ -19,6 +20,7 @@
 #include "core/flow/dense_flow.h"
 #include "core/synthetic/synthetic_sequence.h"
 #include "core/tools/clip_truth.h"
+#include "core/tools/preview.h"
 #include "core/tools/upsample_run.h"
 #include "core/upsample/pipeline.h"
 
@@ -32,6 +34,9 @@ constexpr int kRatioClipLength = 3;  // times as long: with 33 frames 12 interva
 constexpr int kUsualRatio = 8;       // colour frames per depth frame: 240 over 30 fps
 constexpr int kFewestKeys = 5;
 constexpr char kRatioBaseline[] = "flow-warp";  // the strongest of the baselines
+// What a strip shows beside ours, of what was run: the strongest baseline, and the one that the paper compares with.
+constexpr const char* kStripBaselines[] = {"flow-warp", "dolson"};
+constexpr int kStripFrames = 3;
 constexpr char kTimedScene[] = "kick";
 constexpr int kTimedFrames = 17;  // two intervals: the one timed has a depth frame beyond it to settle keys by
 constexpr int kYardstickFlows = 16;
@@ -91,6 +96,49 @@ absl::StatusOr<SequenceSpec> ParseSequence(const std::string& text) {
         text));
   return spec;
 }
+
+Image<float> Copy(ImageView<const float> view) {
+  Image<float> copy(view.width(), view.height());
+  for (int y = 0; y < view.height(); ++y) std::copy_n(view.row(y), view.width(), copy.row(y));
+  return copy;
+}
+
+// kStripFrames of `frames`, spread over the clip, each the nearest to the middle of an interval: there errors are
+// largest.
+std::set<int> MidIntervalFrames(const Sequence& keys, const std::vector<int>& frames) {
+  std::vector<int> middles;
+  for (const Interval& interval : PlanIntervals(keys))
+    if (!interval.Held()) middles.push_back(interval.first_frame + interval.frame_count / 2);
+  std::set<int> chosen;
+  for (size_t i = 0; i < kStripFrames && !middles.empty(); ++i) {
+    const int middle = middles[(2 * i + 1) * middles.size() / (2 * kStripFrames)];
+    const auto nearest = std::min_element(frames.begin(), frames.end(),
+                                          [&](int a, int b) { return std::abs(a - middle) < std::abs(b - middle); });
+    if (nearest != frames.end()) chosen.insert(*nearest);
+  }
+  return chosen;
+}
+
+// Gathers what a strip shows while frames are scored.
+struct StripMaker {
+  std::vector<std::string> methods;
+  std::vector<size_t> method_indices;  // into the methods scored
+  std::set<int> frames;
+  PreviewRange range;
+  std::vector<StripFrame> gathered;
+
+  void Look(const Sequence& sequence, const TruthFrame& truth, std::span<const MethodFrame> estimates) {
+    if (!frames.contains(truth.color_index)) return;
+    StripFrame frame{.index = truth.color_index,
+                     .time_ns = sequence.color[truth.color_index].time_ns - sequence.color[0].time_ns,
+                     .color = Image<Rgb8>(truth.color.width(), truth.color.height()),
+                     .truth_m = Copy(truth.depth_m)};
+    for (int y = 0; y < truth.color.height(); ++y)
+      std::copy_n(truth.color.row(y), truth.color.width(), frame.color.row(y));
+    for (const size_t m : method_indices) frame.estimates_m.push_back(Copy(estimates[m].depth_m));
+    gathered.push_back(std::move(frame));
+  }
+};
 
 // The colour frames at which the recording has keys.
 std::vector<int> KeyFrames(const Sequence& keys) {
@@ -199,10 +247,16 @@ class Run {
   PipelineOptions Preset() const { return *PipelineOptions::ForPreset(options_.preset); }  // Validate has seen it
 
   absl::StatusOr<ClipScores> Score(const SequenceFolder& folder, int key_every, const std::vector<Variant>& variants,
-                                   const std::string& what, const std::function<bool(int)>& keep = nullptr) const {
+                                   const std::string& what, const std::function<bool(int)>& keep = nullptr,
+                                   StripMaker* strip = nullptr) const {
     ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(folder, {.key_every = key_every, .threads = options_.threads}));
     ASSIGN_OR_RETURN(ClipTruth truth, ClipTruth::Open(folder, plan.clock, key_every));
     if (keep) truth.Keep(keep);
+    if (strip != nullptr) {
+      strip->frames = MidIntervalFrames(InputOf(folder.sequence(), plan.clock, key_every), truth.Frames());
+      strip->range = {.near_m = static_cast<float>(plan.constants.preview_near_m),
+                      .far_m = static_cast<float>(plan.constants.preview_far_m)};
+    }
     std::vector<ScoredMethod> methods;
     for (const Variant& variant : variants)
       methods.push_back({.name = variant.name,
@@ -215,7 +269,10 @@ class Run {
                          .constants = plan.constants,
                          .threads = options_.threads,
                          .stop = options_.stop,
-                         .on_frame = Counter(what + ": frames")});
+                         .on_frame = Counter(what + ": frames"),
+                         .on_scored = [&](const TruthFrame& frame, std::span<const MethodFrame> estimates) {
+                           if (strip != nullptr) strip->Look(folder.sequence(), frame, estimates);
+                         }});
   }
 
   std::vector<Variant> Ours() const {
@@ -233,7 +290,15 @@ class Run {
   absl::Status Depth(const SequenceFolder& folder, ClipBenchmark& clip) const {
     std::vector<Variant> variants = Ours();
     for (const std::string& name : options_.baselines) RETURN_IF_ERROR(AddBaseline(name, variants));
-    ASSIGN_OR_RETURN(clip.depth, Score(folder, clip.key_every, variants, clip.name + ", depth"));
+    StripMaker strip{.methods = {"ours"}, .method_indices = {0}};
+    for (size_t m = 1; m < variants.size(); ++m)
+      if (std::find(std::begin(kStripBaselines), std::end(kStripBaselines), variants[m].name) !=
+          std::end(kStripBaselines)) {
+        strip.methods.push_back(variants[m].name);
+        strip.method_indices.push_back(m);
+      }
+    ASSIGN_OR_RETURN(clip.depth, Score(folder, clip.key_every, variants, clip.name + ", depth", nullptr, &strip));
+    if (!strip.gathered.empty()) clip.strip = DrawErrorStrip(strip.gathered, strip.methods, strip.range);
     return absl::OkStatus();
   }
 

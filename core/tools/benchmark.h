@@ -20,6 +20,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/image.h"
 #include "core/base/status.h"
 #include "core/tools/clip_scoring.h"
 
@@ -60,6 +61,7 @@ struct ClipBenchmark {
   ClipKind kind = ClipKind::kScene;
   int key_every = 1;
   std::optional<ClipScores> depth;     // ours, then the baselines
+  Image<Rgb8> strip;                   // with `depth`: frames in mid-interval, errors of the methods (DrawErrorStrip)
   std::optional<ClipScores> ablation;  // ours, then ours without each of PartNames()
   struct Parameter {
     std::string name;
@@ -98,8 +100,8 @@ absl::StatusOr<Benchmark> RunBenchmark(const BenchmarkOptions& options,
 
 nlohmann::json ToJson(const Benchmark& benchmark);
 
-// Writes report.md, report.json and the plots that report.md shows into `dir`, replacing earlier ones. `command` says
-// in the report how it was made.
+// Writes report.md, report.json and the plots and strips that report.md shows into `dir`, replacing earlier ones.
+// `command` says in the report how it was made.
 absl::Status WriteBenchmarkReport(const Benchmark& benchmark, const std::string& command, const std::string& dir);
 
 }  // namespace depthtween::tools

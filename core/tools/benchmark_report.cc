@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/io/file.h"
+#include "core/io/png.h"
 #include "core/tools/benchmark.h"
 #include "core/tools/evaluation.h"
 #include "core/tools/svg_plot.h"
@@ -165,6 +166,10 @@ class Report {
       }
       ASSIGN_OR_RETURN(const std::string shown, Show(plot, "errors-" + clip.name));
       text += shown;
+      if (clip.strip.empty()) continue;
+      const std::string file = FileStem("strip-" + clip.name) + ".png";
+      RETURN_IF_ERROR(WritePngRgb8(JoinPath(dir_, file), clip.strip));
+      absl::StrAppendFormat(&text, "\n![Colour, depth and errors, %s](%s)\n", clip.name, file);
     }
     return text;
   }
@@ -205,7 +210,7 @@ class Report {
           for (const ClipBenchmark* clip : clips) values.push_back(ratio(*clip, name, measure));
           cells.push_back(Cell(GeometricMean(values), 3));
         }
-        row.push_back("**" + absl::StrJoin(cells, " / ") + "**");
+        row.push_back(absl::StrCat("**", absl::StrJoin(cells, " / "), "**"));
       }
     }
     std::string text = Table(rows, 1);

@@ -77,6 +77,17 @@ Image<Rgb8> Colorize(ImageView<const float> values, ColorOf color_of) {
   return out;
 }
 
+// Blue over white to red, for [0,1]; the ends are dark enough to tell from unknown by their hue.
+Rgb8 ErrorColor(double fraction) {
+  constexpr double kBlue[] = {33, 102, 172}, kWhite[] = {247, 247, 247}, kRed[] = {178, 24, 43};  // ColorBrewer RdBu
+  const double t = std::clamp(2 * fraction - 1, -1.0, 1.0);
+  const double* const end = t < 0 ? kBlue : kRed;
+  const auto mix = [&](int c) {
+    return static_cast<uint8_t>(std::lround(kWhite[c] + std::abs(t) * (end[c] - kWhite[c])));
+  };
+  return {mix(0), mix(1), mix(2)};
+}
+
 // The image's pixels as a matrix; valid while the image lives.
 cv::Mat AsMat(const Image<Rgb8>& image) {
   return cv::Mat(image.height(), image.width(), CV_8UC3, const_cast<Rgb8*>(image.data()));
@@ -163,6 +174,15 @@ void DrawSigmaLegend(cv::Mat& canvas, int x, int y, int width) {
   DrawLegend(canvas, x, y, width, SigmaTicks(), [](double fraction) {
     return SigmaColor(static_cast<float>(kSigmaMin_m * std::pow(kSigmaMax_m / kSigmaMin_m, fraction)));
   });
+}
+
+void DrawErrorLegend(cv::Mat& canvas, int x, int y, int width) {
+  const double shown_cm = 100 * kErrorShownM;
+  std::vector<Tick> ticks;
+  for (const double fraction : {0.0, 0.25, 0.5, 0.75, 1.0})
+    ticks.push_back({fraction, absl::StrFormat("%+g cm", (2 * fraction - 1) * shown_cm)});
+  ticks[2].label = "0";
+  DrawLegend(canvas, x, y, width, ticks, ErrorColor);
 }
 
 std::string Seconds(int64_t time_ns) { return absl::StrFormat("%.3f s", static_cast<double>(time_ns) * 1e-9); }
@@ -284,6 +304,51 @@ Image<Rgb8> DrawContactSheet(const std::vector<PreviewFrame>& frames, const Prev
   DrawDepthLegend(canvas, legend_x, depth_line_y + legend_offset, legend_width, range);
   DrawText(canvas, "uncertainty, one standard deviation", kMargin, sigma_line_y + 16, kText);
   DrawSigmaLegend(canvas, legend_x, sigma_line_y + legend_offset, legend_width);
+  return out;
+}
+
+Image<Rgb8> ColorizeError(ImageView<const float> estimate_m, ImageView<const float> truth_m) {
+  Image<Rgb8> out(truth_m.width(), truth_m.height(), kUnknown);
+  for (int y = 0; y < truth_m.height(); ++y)
+    for (int x = 0; x < truth_m.width(); ++x)
+      if (estimate_m(x, y) > 0 && truth_m(x, y) > 0)
+        out(x, y) = ErrorColor(0.5 + 0.5 * (estimate_m(x, y) - truth_m(x, y)) / kErrorShownM);
+  return out;
+}
+
+Image<Rgb8> DrawErrorStrip(const std::vector<StripFrame>& frames, const std::vector<std::string>& methods,
+                           const PreviewRange& range) {
+  const int width = frames.front().color.width(), height = frames.front().color.height();
+  // As large as the recording where it is small: errors are a few pixels wide.
+  const int panel_width = std::clamp(width, kSheetPanelWidth, kVideoPanelMax);
+  const int panel_height =
+      std::max(1, static_cast<int>(std::lround(static_cast<double>(height) * panel_width / width)));
+  const int columns = static_cast<int>(frames.size()), method_count = static_cast<int>(methods.size());
+  const int content_width = columns * panel_width + (columns - 1) * kGap;
+  const int row_height = kTitleHeight + panel_height;
+  Image<Rgb8> out(2 * kMargin + content_width, kMargin + (2 + method_count) * row_height + 2 * kLegendHeight + kGap);
+  cv::Mat canvas = AsMat(out);
+  canvas = kBackground;
+
+  const int legend_width = std::min(content_width, 2 * kSheetPanelWidth);
+  const int depth_y = kMargin + row_height, errors_y = depth_y + row_height + kLegendHeight;
+  for (int i = 0; i < columns; ++i) {
+    const StripFrame& frame = frames[i];
+    const int x = kMargin + i * (panel_width + kGap);
+    // A title, and below it a panel.
+    const auto draw = [&](int y, const std::string& title, const Image<Rgb8>& picture) {
+      DrawText(canvas, title, x, y + kTitleHeight / 2, kText);
+      DrawPanel(canvas, {x, y + kTitleHeight, panel_width, panel_height}, picture);
+    };
+    DrawText(canvas, absl::StrFormat("%s  frame %d", Seconds(frame.time_ns), frame.index), x,
+             kMargin + kTitleHeight / 2, kText);
+    DrawPanel(canvas, {x, kMargin + kTitleHeight, panel_width, panel_height}, frame.color);
+    draw(depth_y, "depth, " + methods[0], ColorizeDepth(frame.estimates_m[0], range));
+    for (int m = 0; m < method_count; ++m)
+      draw(errors_y + m * row_height, "error, " + methods[m], ColorizeError(frame.estimates_m[m], frame.truth_m));
+  }
+  DrawDepthLegend(canvas, kMargin, depth_y + row_height + kMargin, legend_width, range);
+  DrawErrorLegend(canvas, kMargin, errors_y + method_count * row_height + kMargin, legend_width);
   return out;
 }
 

@@ -4,6 +4,7 @@
 #define DEPTHTWEEN_CORE_TOOLS_PREVIEW_H_
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "core/base/image.h"
@@ -46,6 +47,25 @@ Image<Rgb8> DrawVideoFrame(const PreviewFrame& frame, const PreviewTimeline& tim
 
 // A still picture: a column for each of `frames` (>= 1, all of one size), rows colour, depth, uncertainty.
 Image<Rgb8> DrawContactSheet(const std::vector<PreviewFrame>& frames, const PreviewRange& range);
+
+// Errors of at least this show in full colour, metres.
+inline constexpr float kErrorShownM = 0.1F;
+// Estimate minus truth: too near is blue, too far is red, right is white; where either is unknown (0), dark grey.
+Image<Rgb8> ColorizeError(ImageView<const float> estimate_m, ImageView<const float> truth_m);
+
+// One frame of several methods beside the truth. All images have the same size.
+struct StripFrame {
+  int index = 0;
+  int64_t time_ns = 0;  // since the clip's first frame
+  Image<Rgb8> color;
+  Image<float> truth_m;
+  std::vector<Image<float>> estimates_m;  // one for each method
+};
+
+// A column for each of `frames` (>= 1, all of one size), rows: colour, depth of the first of `methods` (>= 1), error of
+// each method, all errors on one scale.
+Image<Rgb8> DrawErrorStrip(const std::vector<StripFrame>& frames, const std::vector<std::string>& methods,
+                           const PreviewRange& range);
 
 }  // namespace depthtween::tools
 

@@ -38,6 +38,8 @@ std::string Escaped(const std::string& text) {
   return out;
 }
 
+constexpr char kReferenceColor[] = "#777777";
+
 const char* ColorOf(size_t series) { return kColors[series % kColors.size()]; }
 
 // An axis with its range, mapped to [0,1].
@@ -169,19 +171,20 @@ std::string DrawSvg(const LinePlot& plot) {
   for (size_t s = 0; s < plot.series.size(); ++s) {
     const PlotSeries& series = plot.series[s];
     const char* const dash = series.dashed ? " stroke-dasharray=\"6 4\"" : "";
+    const char* const color = series.dashed ? kReferenceColor : ColorOf(s);
     std::string path, dots;
     for (const auto& point : series.points) {
       if (!shown(point)) continue;
       const double x = FrameX(x_scale.At(point.first)), y = FrameY(y_scale.At(point.second));
       absl::StrAppendFormat(&path, "%.1f,%.1f ", x, y);
       if (series.marked)
-        absl::StrAppendFormat(&dots, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>\n", x, y, ColorOf(s));
+        absl::StrAppendFormat(&dots, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>\n", x, y, color);
     }
     absl::StrAppendFormat(&out, "<polyline points=\"%s\" fill=\"none\" stroke=\"%s\" stroke-width=\"2\"%s/>\n", path,
-                          ColorOf(s), dash);
+                          color, dash);
     out += dots;
     absl::StrAppendFormat(&out, "<line x1=\"%g\" y1=\"%g\" x2=\"%g\" y2=\"%g\" stroke=\"%s\" stroke-width=\"2\"%s/>\n",
-                          kLegendX, LegendY(s), kLegendX + 24, LegendY(s), ColorOf(s), dash);
+                          kLegendX, LegendY(s), kLegendX + 24, LegendY(s), color, dash);
     out += Text(kLegendX + 30, LegendY(s) + 4, series.name, "start", 12);
   }
   return out + "</svg>\n";

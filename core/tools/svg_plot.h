@@ -20,7 +20,7 @@ struct PlotAxis {
 struct PlotSeries {
   std::string name;
   std::vector<std::pair<double, double>> points;  // x, y
-  bool dashed = false;                            // a reference to compare with
+  bool dashed = false;                            // a reference to compare with: grey
   bool marked = false;                            // with a dot at each point: few measurements, not a curve
 };
 

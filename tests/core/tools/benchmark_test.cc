@@ -80,7 +80,8 @@ TEST_F(BenchmarkTest, RunsTheTablesAskedForAndNoOther) {
        {"the command", "## Depth", "ours / flow-warp", "## Ablation", "## Parameters", "errors-bounce.svg"})
     EXPECT_THAT(*markdown, HasSubstr(there));
   for (const char* absent : {"## Ratio", "## Time", "nan", "dolson"}) EXPECT_THAT(*markdown, Not(HasSubstr(absent)));
-  for (const char* plot : {"errors-bounce.svg", "reliability.svg", "sparsification-bounce.svg", "ablation.svg"})
+  for (const char* plot :
+       {"errors-bounce.svg", "reliability.svg", "sparsification-bounce.svg", "ablation.svg", "strip-bounce.png"})
     EXPECT_TRUE(FileExists(Path("report/") + plot)) << plot;
   const auto report = ReadFile(Path("report/report.json"));
   ASSERT_TRUE(report.ok());

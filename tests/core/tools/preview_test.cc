@@ -43,6 +43,43 @@ TEST(Preview, AColourMeansADistance) {
   EXPECT_EQ(outside(0, 0), colors(1, 0)) << "nearer than the range shows as its near end";
 }
 
+// Right is white, too near bluish, too far reddish; beyond the scale nothing changes; unknown is grey.
+TEST(Preview, ErrorsHaveASign) {
+  Image<float> truth_m(6, 1, 2.0F), estimate_m(6, 1, 2.0F);
+  estimate_m(1, 0) = 2.0F - kErrorShownM;
+  estimate_m(2, 0) = 2.0F + kErrorShownM;
+  estimate_m(3, 0) = 4.0F;
+  estimate_m(4, 0) = 0.0F;
+  truth_m(5, 0) = 0.0F;
+  const Image<Rgb8> colors = ColorizeError(estimate_m, truth_m);
+  const auto parts = [&](int x) { return std::tuple(colors(x, 0).r, colors(x, 0).g, colors(x, 0).b); };
+  EXPECT_GT(std::min({colors(0, 0).r, colors(0, 0).g, colors(0, 0).b}), 240);
+  EXPECT_GT(colors(1, 0).b, colors(1, 0).r + 100);
+  EXPECT_GT(colors(2, 0).r, colors(2, 0).b + 100);
+  EXPECT_EQ(parts(2), parts(3));
+  EXPECT_EQ(parts(4), parts(5));
+  EXPECT_LT(std::max({colors(4, 0).r, colors(4, 0).g, colors(4, 0).b}), 80);
+}
+
+// A column of panels for each frame, a row for colour, depth and each method: one more method makes it higher, one more
+// frame wider.
+TEST(Preview, StripGrowsByMethodsAndFrames) {
+  const auto strip = [](int frame_count, const std::vector<std::string>& methods) {
+    std::vector<StripFrame> frames(frame_count);
+    for (StripFrame& frame : frames) {
+      frame.color = Image<Rgb8>(64, 48, Rgb8{90, 90, 90});
+      frame.truth_m = Image<float>(64, 48, 2.0F);
+      for (size_t m = 0; m < methods.size(); ++m) frame.estimates_m.emplace_back(64, 48, 2.05F);
+    }
+    return DrawErrorStrip(frames, methods, {});
+  };
+  const Image<Rgb8> small = strip(1, {"a"}), wide = strip(2, {"a"}), high = strip(1, {"a", "b"});
+  EXPECT_GT(wide.width(), small.width());
+  EXPECT_EQ(wide.height(), small.height());
+  EXPECT_GT(high.height(), small.height());
+  EXPECT_EQ(high.width(), small.width());
+}
+
 TEST(Preview, VideoFramesAreEvenAndOfOneSize) {
   PreviewFrame frame = GreyFrame(41, 31);
   const Image<Rgb8> first = DrawVideoFrame(frame, {.duration_ns = 1000, .key_times_ns = {0, 1000}}, {});
