@@ -112,8 +112,8 @@ TEST(MatchPatch, InterpolatesBetweenPixels) {
 }
 
 // On a flat wall that matches perfectly less than the sensor's noise is left, for keys are denoised; where the keys
-// contradict each other by 10 cm, a part of it is what one may be wrong by; where one key saw it, and where none did, it
-// is less sure.
+// contradict each other by 10 cm, a part of it is what one may be wrong by; where one key saw it, and where none did,
+// it is less sure.
 TEST(PredictSigma, GrowsWithWhatSpeaksAgainstADepth) {
   const auto filled = [](auto value) { return Image(9, 3, value); };
   const Image<float> depth = filled(2.0F);
