@@ -16,6 +16,7 @@
 #include "core/upsample/choose.h"
 #include "core/upsample/fuse.h"
 #include "core/upsample/keys.h"
+#include "core/upsample/silhouettes.h"
 
 namespace depthtween {
 namespace {
@@ -76,6 +77,7 @@ class IntervalRun {
       RETURN_IF_ERROR(Stage("draw", [&] { return DrawKeys(); }));
       RETURN_IF_ERROR(Stage("choose", [&] { return ChooseAndFuse(); }));
       RETURN_IF_ERROR(Stage("edges", [&] { return SettleEdges(); }));
+      RETURN_IF_ERROR(Stage("silhouettes", [&] { return DecideSilhouettes(); }));
       RETURN_IF_ERROR(Stage("deliver", [&] { return Deliver(sink); }));
     }
     summary_.termination = "complete";
@@ -265,6 +267,7 @@ class IntervalRun {
 
   absl::Status ChooseAndFuse() {
     fused_.resize(interval_.frame_count);
+    choices_.resize(interval_.frame_count);
     const int inner = ThreadsPerFrame();
     return SideBySide(interval_.frame_count, [&](int i) {
       const int frame = FrameInWindow(i);
@@ -277,7 +280,8 @@ class IntervalRun {
              {&std::as_const(refined_[side][frame]), &std::as_const(composed_[side][frame]),
               &std::as_const(drawn_[side][frame]), &still})
           if (!motion->empty()) input.proposals[side].push_back(*motion);
-      fused_[i] = Fuse(input, Choose(input, {.sweeps = options_.sweeps}, inner), inner);
+      choices_[i] = Choose(input, {.sweeps = options_.sweeps}, inner);
+      fused_[i] = Fuse(input, choices_[i], inner);
       // Nothing else looks at these again; a long interval holds many.
       for (auto* motions : {composed_, refined_, drawn_})
         for (int side = 0; side < 2; ++side) motions[side][frame] = {};
@@ -290,7 +294,7 @@ class IntervalRun {
   // Frames were decided one by one, so near silhouettes each errs in its own way: a median over the frames around it
   // moves an edge to where most of them, and the colours of this one, see it.
   absl::Status SettleEdges() {
-    results_.resize(interval_.frame_count);
+    settled_.resize(interval_.frame_count);
     Image<float> key_confidence[2];
     for (int side = 0; side < 2; ++side) {
       const Image<float>& distance = keys_[side].distance;
@@ -322,26 +326,52 @@ class IntervalRun {
           motion = d == 1 ? step.Clone() : Compose(witnesses.back().motion, step);
           witnesses.push_back({voters, motion, std::pow(kWitnessWeight, static_cast<float>(d))});
         }
-      results_[i] = ResultOf(i, witnesses, inner);
+      settled_[i] = Settled(i, witnesses, inner);
       return absl::OkStatus();
     });
   }
 
-  DepthResult ResultOf(int i, const std::vector<MedianWitness>& witnesses, int threads) const {
-    const int frame = FrameInWindow(i);
+  Image<float> Settled(int i, const std::vector<MedianWitness>& witnesses, int threads) const {
     const Fused& fused = fused_[i];
-    DepthResult result{.color_index = interval_.first_frame + i};
-    if (options_.median_radius > 0) {
-      Image<uint8_t> mask = NearDepthJumps(fused.depth_m, options_.median_radius + 1, noise_, threads);
-      for (size_t p = 0; p < mask.pixel_count(); ++p)
-        if (fused.confirmed.data()[p]) mask.data()[p] = 0;
-      result.depth_m = WeightedMedian({fused.depth_m, fused.confidence, window_.color[frame]}, witnesses, mask,
-                                      {.radius = options_.median_radius}, threads);
-    } else {
-      result.depth_m = fused.depth_m.Clone();
+    if (options_.median_radius == 0) return fused.depth_m.Clone();
+    Image<uint8_t> mask = NearDepthJumps(fused.depth_m, options_.median_radius + 1, noise_, threads);
+    for (size_t p = 0; p < mask.pixel_count(); ++p)
+      if (fused.confirmed.data()[p]) mask.data()[p] = 0;
+    return WeightedMedian({fused.depth_m, fused.confidence, window_.color[FrameInWindow(i)]}, witnesses, mask,
+                          {.radius = options_.median_radius}, threads);
+  }
+
+  // What is left are pixels beside a jump; all frames of the interval together know better on which side they lie.
+  absl::Status DecideSilhouettes() {
+    if (!options_.silhouettes) return absl::OkStatus();
+    std::vector<SilhouetteFrame> window(window_.size());
+    for (int k = 0; k < window_.size(); ++k) {
+      const int i = k - FrameInWindow(0);
+      window[k] = {.tau = Tau(k), .color = window_.color[k]};
+      if (i >= 0 && i < interval_.frame_count) window[k].depth_m = settled_[i];
     }
-    result.sigma_m = PredictSigma(result.depth_m, fused, noise_, threads);
-    result.provenance = fused.provenance.Clone();
+    std::vector<Image<float>> decided(interval_.frame_count);
+    RETURN_IF_ERROR(SideBySide(interval_.frame_count, [&](int i) {
+      const std::vector<SilhouettePixel> pixels = LookAtSilhouettes({.window = window,
+                                                                     .target = FrameInWindow(i),
+                                                                     .fused = &fused_[i],
+                                                                     .choice = &choices_[i],
+                                                                     .keys = {&keys_[0], &keys_[1]},
+                                                                     .noise = noise_});
+      if (options_.on_silhouettes) options_.on_silhouettes(interval_.first_frame + i, pixels);
+      decided[i] = settled_[i].Clone();
+      SettleSilhouettes(pixels, decided[i]);
+      return absl::OkStatus();
+    }));
+    settled_ = std::move(decided);
+    return absl::OkStatus();
+  }
+
+  DepthResult ResultOf(int i) {
+    const int frame = FrameInWindow(i);
+    DepthResult result{.color_index = interval_.first_frame + i, .depth_m = std::move(settled_[i])};
+    result.sigma_m = PredictSigma(result.depth_m, fused_[i], noise_, context_.threads);
+    result.provenance = fused_[i].provenance.Clone();
     MarkMeasured(frame, result.provenance);
     if (context_.want_motion && frame < static_cast<int>(forward_.size())) {
       result.motion_next = forward_[frame].Clone();
@@ -360,7 +390,7 @@ class IntervalRun {
   }
 
   absl::Status Deliver(const FrameSink& sink) {
-    for (DepthResult& result : results_) RETURN_IF_ERROR(sink(std::move(result)));
+    for (int i = 0; i < interval_.frame_count; ++i) RETURN_IF_ERROR(sink(ResultOf(i)));
     return absl::OkStatus();
   }
 
@@ -399,8 +429,9 @@ class IntervalRun {
   Key keys_[2];
   std::vector<Image<Flow2>> forward_, backward_;                   // [i]: frame i <-> i + 1 of the window
   std::vector<Image<Flow2>> composed_[2], refined_[2], drawn_[2];  // [side][frame of the window]: to the key
-  std::vector<Fused> fused_;
-  std::vector<DepthResult> results_;
+  std::vector<Choice> choices_;                                    // [frame of the interval]
+  std::vector<Fused> fused_;                                       // [frame of the interval]
+  std::vector<Image<float>> settled_;                              // [frame of the interval]: depth, metres
 };
 
 class Pipeline : public Upsampler {
@@ -426,7 +457,7 @@ const std::vector<std::string>& PresetNames() {
 
 const std::vector<std::string>& PartNames() {
   static const auto* const kNames =
-      new std::vector<std::string>{"settle", "draw", "propagation", "median", "witnesses"};
+      new std::vector<std::string>{"settle", "draw", "propagation", "median", "witnesses", "silhouettes"};
   return *kNames;
 }
 
@@ -449,6 +480,8 @@ absl::Status PipelineOptions::SwitchOff(std::string_view part) {
     median_radius = 0;
   } else if (part == "witnesses") {
     witnesses = false;
+  } else if (part == "silhouettes") {
+    silhouettes = false;
   } else {
     return absl::InvalidArgumentError(absl::StrFormat("'%s' cannot be switched off: the parts are %s",
                                                       std::string(part), absl::StrJoin(PartNames(), ", ")));

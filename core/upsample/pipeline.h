@@ -8,11 +8,13 @@
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_PIPELINE_H_
 #define DEPTHTWEEN_CORE_UPSAMPLE_PIPELINE_H_
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "core/upsample/silhouettes.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {
@@ -30,9 +32,12 @@ struct PipelineOptions {
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
   // Stages that one can do without, to learn what each is worth.
-  bool settle = true;     // keys by the depth frames before and after them, where the scene stood still
-  bool draw = true;       // keys' surfaces moved and drawn as proposals
-  bool witnesses = true;  // the frames on either side vote in the median too
+  bool settle = true;       // keys by the depth frames before and after them, where the scene stood still
+  bool draw = true;         // keys' surfaces moved and drawn as proposals
+  bool witnesses = true;    // the frames on either side vote in the median too
+  bool silhouettes = true;  // pixels beside a jump decided by all frames together
+  // For fitting: receives what was looked at in each frame before it is decided. Called from several threads.
+  std::function<void(int color_index, const std::vector<SilhouettePixel>&)> on_silhouettes = nullptr;
 
   // InvalidArgument lists the presets if `name` is none of them.
   static absl::StatusOr<PipelineOptions> ForPreset(std::string_view name);

@@ -70,7 +70,7 @@ absl::Status UpsampleOptions::Validate() const {
   using Names = std::vector<std::string>;
   static const auto& methods = *new Names{"ours", "hold", "nearest", "linear", "dolson", "dolson-mode", "flow-warp"};
   static const auto& presets = *new Names{"fast", "balanced", "best"};
-  static const auto& parts = *new Names{"settle", "draw", "propagation", "median", "witnesses"};
+  static const auto& parts = *new Names{"settle", "draw", "propagation", "median", "witnesses", "silhouettes"};
   constexpr int kMaxThreads = 256;
   const auto bad = [](const std::string& field, const std::string& message) {
     return BadField("job.options." + field, absl::StrCat("UpsampleOptions.", field, " ", message));
