@@ -7,19 +7,15 @@
 namespace depthtween {
 namespace {
 
-// From tests/bench/silhouette_fit, on the library's scenes.
-constexpr std::array<float, kEvidenceCount> kWeights = {-0.53F, 0.71F, 0.38F, 0.31F, 0.15F, 0.115F,
-                                                        0.715F, 1.91F, 0.3F,  0.37F, 0.2F};
-
-constexpr int kWindowRadius = 6;     // of the neighbours that vote and show how their surface moves
-constexpr float kSpaceSigma = 2.5F;  // pixels
-constexpr float kLikeSigma = 8.0F;   // sRGB units, over three channels: noise of a camera
-constexpr float kAkinSigma = 20.0F;  // shading, texture
-constexpr float kUnconfirmedVote = 0.3F;
-constexpr float kNoVote = 1e-3F;      // keeps the ratio of votes finite
-constexpr float kCostScale = 4.0F;    // a motion whose match is worse by this counts 1/e
-constexpr float kDepthMoves = 0.1F;   // share of depth that a surface may change between the target and a key
-constexpr float kWorstColor = 40.0F;  // sRGB units: more than this is hidden, not different
+constexpr int kWindowRadius = 6;          // of the neighbours that vote and show how their surface moves
+constexpr float kSpaceSigma = 2.5F;       // pixels
+constexpr float kLikeSigma = 8.0F;        // sRGB units, over three channels: noise of a camera
+constexpr float kAkinSigma = 20.0F;       // shading, texture
+constexpr float kUnconfirmedVote = 0.3F;  // of a neighbour whose own surface is not certain
+constexpr float kNoVote = 1e-3F;          // keeps the ratio of votes finite
+constexpr float kCostScale = 4.0F;        // a motion whose match is worse by this counts 1/e
+constexpr float kDepthMoves = 0.1F;       // share of depth that a surface may change between the target and a key
+constexpr float kWorstColor = 40.0F;      // sRGB units: more than this is hidden, not different
 constexpr float kMostConstancy = 20.0F;
 
 float Difference(const Rgb8& color, ImageView<const Rgb8> image, float x, float y) {
@@ -161,6 +157,7 @@ class Looker {
 
   // Which part of the way to the key on its side of the target a frame of the window has gone.
   float PartOfWay(const SilhouetteFrame& frame) const {
+    if (frame.tau == target_.tau) return 0;
     return frame.tau < target_.tau ? (target_.tau - frame.tau) / target_.tau
                                    : (frame.tau - target_.tau) / (1 - target_.tau);
   }
@@ -169,7 +166,7 @@ class Looker {
   float ColorConstancy(const SilhouettePixel& pixel, Rgb8 color, const SurfaceMotion (&motion)[2][2]) const {
     float sum[2] = {}, count[2] = {};
     for (const SilhouetteFrame& frame : in_.window) {
-      if (frame.tau == target_.tau || frame.tau < 0 || frame.tau > 1) continue;
+      if (frame.tau == target_.tau) continue;
       const int s = frame.tau < target_.tau ? 0 : 1;
       const float part = PartOfWay(frame);
       for (int surface = 0; surface < 2; ++surface) {
@@ -233,7 +230,7 @@ std::vector<SilhouettePixel> LookAtSilhouettes(const SilhouetteInput& input) { r
 void SettleSilhouettes(const std::vector<SilhouettePixel>& pixels, ImageView<float> depth_m) {
   for (const SilhouettePixel& pixel : pixels) {
     float sum = 0;
-    for (int i = 0; i < kEvidenceCount; ++i) sum += kWeights[i] * pixel.evidence[i];
+    for (int i = 0; i < kEvidenceCount; ++i) sum += kSilhouetteWeights[i] * pixel.evidence[i];
     if ((sum > 0) != pixel.is_near) depth_m(pixel.x, pixel.y) = sum > 0 ? pixel.near_m : pixel.far_m;
   }
 }

@@ -55,6 +55,10 @@ enum SilhouetteEvidence : int {
   kEvidenceCount
 };
 
+// Fitted by tests/bench/silhouette_fit on the library's scenes.
+inline constexpr std::array<float, kEvidenceCount> kSilhouetteWeights = {-0.53F, 0.71F, 0.38F, 0.31F, 0.15F, 0.115F,
+                                                                         0.715F, 1.91F, 0.3F,  0.37F, 0.2F};
+
 // A pixel with a neighbour (of four) in another layer.
 struct SilhouettePixel {
   int x = 0, y = 0;
