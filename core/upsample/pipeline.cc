@@ -462,7 +462,9 @@ const std::vector<std::string>& PartNames() {
 }
 
 absl::StatusOr<PipelineOptions> PipelineOptions::ForPreset(std::string_view name) {
-  if (name == "fast") return PipelineOptions{.sweeps = 1, .flow_finest_scale = 1, .draw = false, .witnesses = false};
+  if (name == "fast")
+    return PipelineOptions{
+        .sweeps = 1, .flow_finest_scale = 1, .draw = false, .witnesses = false, .silhouettes = false};
   if (name == "balanced") return PipelineOptions{};
   if (name == "best") return PipelineOptions{.sweeps = 3};
   return absl::InvalidArgumentError(absl::StrFormat("preset '%s' is not known: the presets are %s", std::string(name),
