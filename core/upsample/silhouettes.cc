@@ -151,7 +151,6 @@ class Looker {
       const int s = direction < 0 ? 0 : 1;
       evidence[kNextFrames] += FrameLabel(pixel, direction, motion[0][s]);
       evidence[kSecondFrames] += FrameLabel(pixel, 2 * direction, motion[0][s]);
-      evidence[kNextBehind] += FrameLabel(pixel, direction, motion[1][s]);
     }
   }
 

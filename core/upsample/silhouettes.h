@@ -49,15 +49,14 @@ enum SilhouetteEvidence : int {
   kColorConstancy,  // how much better the colour keeps along the nearer surface's motion than along the farther's
   kKeyLabels,       // what the keys measured where the nearer surface's motion leads
   kNeighbours,      // how many of the eight neighbours lie on the nearer surface
-  kNextFrames,      // on which surface the next frames see it, along the nearer's motion, ...
-  kSecondFrames,    // ... and those after them; ...
-  kNextBehind,      // ... and the next along the farther's motion
+  kNextFrames,      // on which surface the next frames see it, along the nearer surface's motion, ...
+  kSecondFrames,    // ... and those after them
   kEvidenceCount
 };
 
 // Fitted by tests/bench/silhouette_fit on the library's scenes.
-inline constexpr std::array<float, kEvidenceCount> kSilhouetteWeights = {-0.53F, 0.71F, 0.38F, 0.31F, 0.15F, 0.115F,
-                                                                         0.715F, 1.91F, 0.3F,  0.37F, 0.2F};
+inline constexpr std::array<float, kEvidenceCount> kSilhouetteWeights = {-0.60F, 0.76F, 0.35F, 0.30F, 0.13F,
+                                                                         0.10F,  0.70F, 1.65F, 0.32F, 0.36F};
 
 // A pixel with a neighbour (of four) in another layer.
 struct SilhouettePixel {
