@@ -341,29 +341,31 @@ class IntervalRun {
                           {.radius = options_.median_radius}, threads);
   }
 
-  // What is left are pixels beside a jump; all frames of the interval together know better on which side they lie.
+  // What is left are pixels beside a jump; all frames of the interval together know better on which side they lie. Each
+  // pass sees what the one before decided.
   absl::Status DecideSilhouettes() {
-    if (!options_.silhouettes) return absl::OkStatus();
-    std::vector<SilhouetteFrame> window(window_.size());
-    for (int k = 0; k < window_.size(); ++k) {
-      const int i = k - FrameInWindow(0);
-      window[k] = {.tau = Tau(k), .color = window_.color[k]};
-      if (i >= 0 && i < interval_.frame_count) window[k].depth_m = settled_[i];
+    for (int pass = 0; pass < options_.silhouette_passes; ++pass) {
+      std::vector<SilhouetteFrame> window(window_.size());
+      for (int k = 0; k < window_.size(); ++k) {
+        const int i = k - FrameInWindow(0);
+        window[k] = {.tau = Tau(k), .color = window_.color[k]};
+        if (i >= 0 && i < interval_.frame_count) window[k].depth_m = settled_[i];
+      }
+      std::vector<Image<float>> decided(interval_.frame_count);
+      RETURN_IF_ERROR(SideBySide(interval_.frame_count, [&](int i) {
+        const std::vector<SilhouettePixel> pixels = LookAtSilhouettes({.window = window,
+                                                                       .target = FrameInWindow(i),
+                                                                       .fused = &fused_[i],
+                                                                       .choice = &choices_[i],
+                                                                       .keys = {&keys_[0], &keys_[1]},
+                                                                       .noise = noise_});
+        if (options_.on_silhouettes && pass == 0) options_.on_silhouettes(interval_.first_frame + i, pixels);
+        decided[i] = settled_[i].Clone();
+        SettleSilhouettes(pixels, decided[i]);
+        return absl::OkStatus();
+      }));
+      settled_ = std::move(decided);
     }
-    std::vector<Image<float>> decided(interval_.frame_count);
-    RETURN_IF_ERROR(SideBySide(interval_.frame_count, [&](int i) {
-      const std::vector<SilhouettePixel> pixels = LookAtSilhouettes({.window = window,
-                                                                     .target = FrameInWindow(i),
-                                                                     .fused = &fused_[i],
-                                                                     .choice = &choices_[i],
-                                                                     .keys = {&keys_[0], &keys_[1]},
-                                                                     .noise = noise_});
-      if (options_.on_silhouettes) options_.on_silhouettes(interval_.first_frame + i, pixels);
-      decided[i] = settled_[i].Clone();
-      SettleSilhouettes(pixels, decided[i]);
-      return absl::OkStatus();
-    }));
-    settled_ = std::move(decided);
     return absl::OkStatus();
   }
 
@@ -464,9 +466,9 @@ const std::vector<std::string>& PartNames() {
 absl::StatusOr<PipelineOptions> PipelineOptions::ForPreset(std::string_view name) {
   if (name == "fast")
     return PipelineOptions{
-        .sweeps = 1, .flow_finest_scale = 1, .draw = false, .witnesses = false, .silhouettes = false};
+        .sweeps = 1, .silhouette_passes = 0, .flow_finest_scale = 1, .draw = false, .witnesses = false};
   if (name == "balanced") return PipelineOptions{};
-  if (name == "best") return PipelineOptions{.sweeps = 3};
+  if (name == "best") return PipelineOptions{.sweeps = 3, .silhouette_passes = 4};
   return absl::InvalidArgumentError(absl::StrFormat("preset '%s' is not known: the presets are %s", std::string(name),
                                                     absl::StrJoin(PresetNames(), ", ")));
 }
@@ -483,7 +485,7 @@ absl::Status PipelineOptions::SwitchOff(std::string_view part) {
   } else if (part == "witnesses") {
     witnesses = false;
   } else if (part == "silhouettes") {
-    silhouettes = false;
+    silhouette_passes = 0;
   } else {
     return absl::InvalidArgumentError(absl::StrFormat("'%s' cannot be switched off: the parts are %s",
                                                       std::string(part), absl::StrJoin(PartNames(), ", ")));
@@ -497,6 +499,8 @@ absl::Status PipelineOptions::Validate() const {
   };
   if (sweeps < 0 || sweeps > 20) return error("sweeps", sweeps, "between 0 and 20");
   if (median_radius < 0 || median_radius > 15) return error("median_radius", median_radius, "between 0 and 15");
+  if (silhouette_passes < 0 || silhouette_passes > 20)
+    return error("silhouette_passes", silhouette_passes, "between 0 and 20");
   if (flow_finest_scale < 0 || flow_finest_scale > 5)
     return error("flow_finest_scale", flow_finest_scale, "between 0 and 5");
   return absl::OkStatus();
@@ -513,6 +517,10 @@ const std::vector<PipelineParameter>& PipelineParameters() {
        {0, 1, 2, 3, 4, 6},
        [](const Options& o) { return static_cast<double>(o.median_radius); },
        [](Options& o, double value) { o.median_radius = static_cast<int>(value); }},
+      {"silhouette_passes",
+       {0, 1, 2, 4},
+       [](const Options& o) { return static_cast<double>(o.silhouette_passes); },
+       [](Options& o, double value) { o.silhouette_passes = static_cast<int>(value); }},
       {"flow_finest_scale",
        {0, 1, 2},
        [](const Options& o) { return static_cast<double>(o.flow_finest_scale); },

@@ -29,20 +29,22 @@ struct PipelineOptions {
   int sweeps = 2;
   // Radius of the weighted median along colour near depth jumps, pixels. 0 switches it off.
   int median_radius = 3;
+  // How often pixels beside a jump are decided by all frames together, each time seeing the decisions before. >= 0.
+  int silhouette_passes = 2;
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
   // Stages that one can do without, to learn what each is worth.
-  bool settle = true;       // keys by the depth frames before and after them, where the scene stood still
-  bool draw = true;         // keys' surfaces moved and drawn as proposals
-  bool witnesses = true;    // the frames on either side vote in the median too
-  bool silhouettes = true;  // pixels beside a jump decided by all frames together
-  // For fitting: receives what was looked at in each frame before it is decided. Called from several threads.
+  bool settle = true;     // keys by the depth frames before and after them, where the scene stood still
+  bool draw = true;       // keys' surfaces moved and drawn as proposals
+  bool witnesses = true;  // the frames on either side vote in the median too
+  // For fitting the weights of silhouettes: receives what the first pass looks at, before it decides. Called from
+  // several threads. May be empty.
   std::function<void(int color_index, const std::vector<SilhouettePixel>&)> on_silhouettes = nullptr;
 
   // InvalidArgument lists the presets if `name` is none of them.
   static absl::StatusOr<PipelineOptions> ForPreset(std::string_view name);
-  // "propagation" and "median" stand for sweeps = 0 and median_radius = 0. InvalidArgument lists the parts if `part` is
-  // none of them.
+  // "propagation", "median" and "silhouettes" stand for sweeps = 0, median_radius = 0 and silhouette_passes = 0.
+  // InvalidArgument lists the parts if `part` is none of them.
   absl::Status SwitchOff(std::string_view part);
   absl::Status Validate() const;
 };
