@@ -23,8 +23,8 @@ struct DepthResult {
   Image<float> depth_m;  // metres, 0 = unknown
   Image<float> sigma_m;  // predicted standard deviation, metres; 0 where depth is unknown
   Image<Provenance> provenance;
-  // Flow to the next colour frame, and from there back to this one. Empty unless asked for, and on frames that are
-  // held.
+  // Flow to the next colour frame, and from there back to this one. Empty unless asked for, on frames that are
+  // held, and in causal mode.
   Image<Flow2> motion_next, motion_back;
 };
 

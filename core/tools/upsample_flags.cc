@@ -23,6 +23,12 @@ std::vector<CLI::Option*> AddQualityFlags(CLI::App& command, UpsampleOptions& op
                       ->group(group));
   added.push_back(
       command
+          .add_flag("--causal", options.causal,
+                    "Take each frame from what had been seen by then alone, for low latency: the last depth "
+                    "frames, and the colour frames up to it")
+          ->group(group));
+  added.push_back(
+      command
           .add_flag("--self-check", options.self_check,
                     "First hold out every second depth frame and report how far ours, flow-warp, linear and hold are "
                     "from it on this recording; costs at most what 24 intervals cost")

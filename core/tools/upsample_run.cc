@@ -81,6 +81,7 @@ absl::Status UpsampleOptions::Validate() const {
   };
   if (method != "ours" && preset != defaults.preset) return only_ours("preset");
   if (method != "ours" && !without.empty()) return only_ours("without");
+  if (method != "ours" && causal) return only_ours("causal");
   if (method != "ours" && self_check) return only_ours("self_check");
   if (const absl::Status known = ParseClockChoice(clock).status(); !known.ok())
     return FieldError("options.clock", std::string(known.message()));
@@ -88,10 +89,9 @@ absl::Status UpsampleOptions::Validate() const {
 }
 
 json ToJson(const UpsampleOptions& options) {
-  return {{"method", options.method},   {"key_every", options.key_every},
-          {"threads", options.threads}, {"keep_motion", options.keep_motion},
-          {"preset", options.preset},   {"without", options.without},
-          {"clock", options.clock},     {"self_check", options.self_check}};
+  return {{"method", options.method},           {"key_every", options.key_every}, {"threads", options.threads},
+          {"keep_motion", options.keep_motion}, {"preset", options.preset},       {"without", options.without},
+          {"causal", options.causal},           {"clock", options.clock},         {"self_check", options.self_check}};
 }
 
 absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
@@ -137,6 +137,8 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
         RETURN_IF_ERROR(read_text(options.preset));
       } else if (field == "without") {
         RETURN_IF_ERROR(read_texts(options.without));
+      } else if (field == "causal") {
+        RETURN_IF_ERROR(read_flag(options.causal));
       } else if (field == "self_check") {
         RETURN_IF_ERROR(read_flag(options.self_check));
       } else {
@@ -157,6 +159,7 @@ absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& 
   if (options.method != "ours") return MakeBaseline(options.method);
   ASSIGN_OR_RETURN(PipelineOptions pipeline, PipelineOptions::ForPreset(options.preset));
   for (const std::string& part : options.without) RETURN_IF_ERROR(pipeline.SwitchOff(part));
+  pipeline.causal = options.causal;
   RETURN_IF_ERROR(pipeline.Validate());
   return MakePipeline(pipeline);
 }
@@ -188,7 +191,7 @@ absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const Upsampl
   ASSIGN_OR_RETURN(plan.clock, DecideClock(recording.sequence(), options));
   const ClipSource source(recording, plan.clock, options.key_every);
   RETURN_IF_ERROR(WithContext(Validate(source.sequence()), absl::StrCat("with options.clock = ", options.clock)));
-  ASSIGN_OR_RETURN(plan.constants, EstimateClipConstants(source));
+  ASSIGN_OR_RETURN(plan.constants, EstimateClipConstants(source, options.causal));
   plan.intervals = PlanIntervals(source.sequence());
   if (source.sequence().depth.size() == 1)
     plan.constants.warnings.push_back(

@@ -32,6 +32,7 @@ struct UpsampleOptions {
   // Of method "ours" alone; with another they must stay as they are here.
   std::string preset = "balanced";   // one of PresetNames(): what accuracy may cost
   std::vector<std::string> without;  // of PartNames(): stages left out, to learn what each is worth
+  bool causal = false;               // each frame from what had been seen by then alone
 
   bool self_check = false;  // first measure on held-out depth frames how good it is: self_check.h
 

@@ -73,6 +73,7 @@ Image<uint8_t> Dilate(const Image<uint8_t>& mask, int radius, int threads) {
 Image<uint8_t> Uncertain(const ChooseInput& input, const Choice& choice, int threads) {
   const SideChoice& before = choice.sides[0];
   const SideChoice& after = choice.sides[1];
+  const bool two_sides = input.keys[1] != nullptr;
   Image<uint8_t> mask = NearDepthJumps(before.depth_m, kJumpRadius, input.noise, threads);
   const Image<uint8_t> other = NearDepthJumps(after.depth_m, kJumpRadius, input.noise, threads);
   ParallelRows(mask.height(), threads, [&](int begin, int end) {
@@ -80,14 +81,14 @@ Image<uint8_t> Uncertain(const ChooseInput& input, const Choice& choice, int thr
       for (int x = 0; x < mask.width(); ++x) {
         const float a = before.depth_m(x, y), b = after.depth_m(x, y);
         const float cost = std::max(before.cost(x, y), after.cost(x, y));
-        const bool agree = std::abs(a - b) <= kSidesDiffer * std::min(a, b);
+        const bool agree = !two_sides || std::abs(a - b) <= kSidesDiffer * std::min(a, b);
         const auto measured = [&](int s) {
           const Flow2 m = choice.sides[s].motion(x, y);
           const Image<float>& filled = input.keys[s]->distance;
           const Pixel at = NearestPixel(filled, static_cast<float>(x) + m.u, static_cast<float>(y) + m.v);
           return filled(at.x, at.y) == 0;
         };
-        const bool confirmed = agree && cost < kConfirmedCost && measured(0) && measured(1);
+        const bool confirmed = two_sides && agree && cost < kConfirmedCost && measured(0) && measured(1);
         mask(x, y) = !confirmed && (mask(x, y) || other(x, y) || !agree || cost > kHighCost);
       }
   });
@@ -137,6 +138,7 @@ Image<uint8_t> NearDepthJumps(ImageView<const float> depth_m, int radius, const 
 Choice Choose(const ChooseInput& input, const ChooseOptions& options, int threads) {
   const MatchImage& target = *input.target;
   const int width = target.width(), height = target.height();
+  const int sides = input.keys[1] == nullptr ? 1 : 2;
   Choice choice;
   for (SideChoice& side : choice.sides)
     side = {Image<Flow2>(width, height), Image<float>(width, height), Image<float>(width, height)};
@@ -151,7 +153,7 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
       for (int x = 0; x < width; ++x) {
         const bool on_grid = x % 2 == 0 && y % 2 == 0;
         const std::optional<MatchPatch> patch = on_grid ? std::make_optional<MatchPatch>(target, x, y) : std::nullopt;
-        for (int s = 0; s < 2; ++s) {
+        for (int s = 0; s < sides; ++s) {
           const Flow2 m = input.proposals[s][0](x, y);
           choice.sides[s].motion(x, y) = m;
           choice.sides[s].depth_m(x, y) = depth_at(s, x, y, m);
@@ -176,7 +178,7 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
         for (int x = 0; x < width; ++x) {
           if (!choice.uncertain(x, y)) continue;
           const MatchPatch patch(target, x, y);
-          for (int s = 0; s < 2; ++s) {
+          for (int s = 0; s < sides; ++s) {
             SideChoice& side = choice.sides[s];
             Flow2 best = previous[s](x, y);
             float best_cost = sweep > 0 ? side.cost(x, y)
@@ -197,7 +199,7 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
             };
             if (sweep == 0)
               for (size_t i = 1; i < input.proposals[s].size(); ++i) propose(input.proposals[s][i](x, y));
-            if (mirror[s] != 0) {
+            if (sides == 2 && mirror[s] != 0) {
               const Flow2 o = previous[1 - s](x, y);
               propose({mirror[s] * o.u, mirror[s] * o.v});
             }
@@ -215,7 +217,8 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < width; ++x)
         if (choice.uncertain(x, y))
-          for (int s = 0; s < 2; ++s) choice.sides[s].depth_m(x, y) = depth_at(s, x, y, choice.sides[s].motion(x, y));
+          for (int s = 0; s < sides; ++s)
+            choice.sides[s].depth_m(x, y) = depth_at(s, x, y, choice.sides[s].motion(x, y));
   });
   return choice;
 }

@@ -16,7 +16,8 @@
 
 namespace depthtween {
 
-// Two keys, before [0] and after [1] the target frame.
+// Two keys, before [0] and after [1] the target frame. Without the second (null) only the first side is chosen, and the
+// images of the other stay zero.
 struct ChooseInput {
   const MatchImage* target = nullptr;
   std::array<const Key*, 2> keys = {};

@@ -78,7 +78,7 @@ DepthNoise FitNoise(NoiseSamples& samples, double depth_step_m) {
 
 }  // namespace
 
-absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source) {
+absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source, bool noise_of_first_key) {
   const Sequence& sequence = source.sequence();
   const int keys = static_cast<int>(sequence.depth.size());
   const int sampled = std::min(keys, kSampledKeys);
@@ -87,8 +87,8 @@ absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source) {
   for (int i = 0; i < sampled; ++i) {
     const int key = sampled == 1 ? 0 : static_cast<int>(static_cast<int64_t>(i) * (keys - 1) / (sampled - 1));
     ASSIGN_OR_RETURN(const Image<float> depth, source.Depth(key));
-    CollectNoise(depth, noise);
-    if (key + 1 < keys) {
+    if (i == 0 || !noise_of_first_key) CollectNoise(depth, noise);
+    if (key + 1 < keys && !noise_of_first_key) {
       ASSIGN_OR_RETURN(const Image<float> next, source.Depth(key + 1));
       ASSIGN_OR_RETURN(const Image<Rgb8> color, source.Color(LocateKey(sequence, key).color_index));
       ASSIGN_OR_RETURN(const Image<Rgb8> next_color, source.Color(LocateKey(sequence, key + 1).color_index));
@@ -114,7 +114,8 @@ absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source) {
   const DepthNoise over_space = FitNoise(noise, 1.0 / sequence.depth_scale);
   const DepthNoise over_time = FitNoise(noise_over_time, 1.0 / sequence.depth_scale);
   const float middle = static_cast<float>(constants.median_depth_m);
-  const DepthNoise fitted = over_time.At(middle) < over_space.At(middle) ? over_time : over_space;
+  const bool time_tells = !noise_of_first_key && over_time.At(middle) < over_space.At(middle);
+  const DepthNoise fitted = time_tells ? over_time : over_space;
   constants.noise_a_m = fitted.a_m;
   constants.noise_b_per_m = fitted.b_per_m;
   constants.preview_near_m = (1 - kPreviewMargin) * percentile(0.01);

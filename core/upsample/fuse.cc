@@ -28,11 +28,13 @@ constexpr float kUnconfirmed = 0.005F;                                      // o
 constexpr float kGuess = 0.12F;                                             // of depth, where neither key saw it
 constexpr float kSeenDistance = 1.5F;  // a key pixel nearer than this to a measurement counts as seen
 
-float DistanceAt(const Key& key, int x, int y, Flow2 m) {
+// Far from everything where there is no key.
+float DistanceAt(const Key* key, int x, int y, Flow2 m) {
+  constexpr float kFar = 1e9F;
+  if (key == nullptr) return kFar;
   const int nx = static_cast<int>(std::lround(static_cast<float>(x) + m.u));
   const int ny = static_cast<int>(std::lround(static_cast<float>(y) + m.v));
-  if (!key.distance.Contains(nx, ny)) return 1e9F;
-  return key.distance(nx, ny);
+  return key->distance.Contains(nx, ny) ? key->distance(nx, ny) : kFar;
 }
 
 }  // namespace
@@ -49,8 +51,8 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
         const float c0 = choice.sides[0].cost(x, y) + kTimeCost * tau,
                     c1 = choice.sides[1].cost(x, y) + kTimeCost * (1 - tau);
         if (z0 <= 0 && z1 <= 0) continue;
-        const float distance0 = DistanceAt(*input.keys[0], x, y, choice.sides[0].motion(x, y));
-        const float distance1 = DistanceAt(*input.keys[1], x, y, choice.sides[1].motion(x, y));
+        const float distance0 = DistanceAt(input.keys[0], x, y, choice.sides[0].motion(x, y));
+        const float distance1 = DistanceAt(input.keys[1], x, y, choice.sides[1].motion(x, y));
         const bool seen0 = distance0 < kSeenDistance, seen1 = distance1 < kSeenDistance;
         const float nearer = std::min(z0, z1), gap = std::abs(z0 - z1);
         if (nearer > 0) out.spread_m(x, y) = gap;

@@ -18,7 +18,7 @@ struct Fused {
 };
 
 // Where the sides agree: their mean, weighted by match and closeness in time. Where they differ moderately and match
-// equally well: the surface moved in depth, linear in time. Otherwise: the better match.
+// equally well: the surface moved in depth, linear in time. Otherwise: the better match. With one side: what it says.
 Fused Fuse(const ChooseInput& input, const Choice& choice, int threads);
 
 // Predicted standard deviation of each depth (metres, 0 where depth is unknown): the sensor's noise, what the two keys

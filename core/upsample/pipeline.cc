@@ -13,6 +13,7 @@
 #include "core/fill/weighted_median.h"
 #include "core/flow/dense_flow.h"
 #include "core/raster/surface_raster.h"
+#include "core/upsample/causal.h"
 #include "core/upsample/choose.h"
 #include "core/upsample/fuse.h"
 #include "core/upsample/keys.h"
@@ -443,6 +444,7 @@ class Pipeline : public Upsampler {
   absl::StatusOr<IntervalSummary> Run(const FrameSource& source, const ClipConstants& constants,
                                       const Interval& interval, const RunContext& context,
                                       const FrameSink& sink) const override {
+    if (options_.causal) return RunCausally(source, constants, interval, options_, context, sink);
     return IntervalRun(source, constants, interval, options_, context).Run(sink);
   }
 

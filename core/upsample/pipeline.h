@@ -41,6 +41,10 @@ struct PipelineOptions {
   // several threads. May be empty.
   std::function<void(int color_index, const std::vector<SilhouettePixel>&)> on_silhouettes = nullptr;
 
+  // Looks at nothing later than the frame itself: causal.h. Has no keys to draw or frames to look ahead to; sweeps,
+  // median, settling and witnesses mean what they mean elsewhere.
+  bool causal = false;
+
   // InvalidArgument lists the presets if `name` is none of them.
   static absl::StatusOr<PipelineOptions> ForPreset(std::string_view name);
   // "propagation", "median" and "silhouettes" stand for sweeps = 0, median_radius = 0 and silhouette_passes = 0.

@@ -37,8 +37,9 @@ struct ClipConstants {
   std::vector<std::string> warnings;
 };
 
-// Noise, range and warnings from a sample of at most 16 keys, spread over the clip. Deterministic.
-absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source);
+// Noise, range and warnings from a sample of at most 16 keys, spread over the clip; with `noise_of_first_key`, noise
+// from the first one, so that nothing of what comes later decides any frame. Deterministic.
+absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source, bool noise_of_first_key = false);
 
 struct RunContext {
   int threads = 1;

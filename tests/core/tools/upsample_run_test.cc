@@ -83,7 +83,8 @@ TEST(UpsampleOptions, PresetsAndPartsAreOursAlone) {
               HasSubstr("options.preset is for method 'ours' alone, and the method is 'hold'"));
   EXPECT_THAT(message({.method = "linear", .without = {"draw"}}), HasSubstr("options.without is for method 'ours'"));
   EXPECT_THAT(message({.method = "linear", .self_check = true}), HasSubstr("options.self_check is for method 'ours'"));
-  EXPECT_EQ(message({.preset = "fast", .without = {"draw"}, .self_check = true}), "");
+  EXPECT_THAT(message({.method = "linear", .causal = true}), HasSubstr("options.causal is for method 'ours'"));
+  EXPECT_EQ(message({.preset = "fast", .without = {"draw"}, .causal = true, .self_check = true}), "");
 }
 
 TEST(UpsampleOptions, EveryPresetAndPartCanBeMade) {
@@ -97,10 +98,12 @@ TEST(UpsampleOptions, EveryPresetAndPartCanBeMade) {
 
 TEST(UpsampleOptions, SurviveJson) {
   const auto ours = ParseUpsampleOptions(
-      ToJson(UpsampleOptions{.preset = "fast", .without = {"draw", "median"}, .self_check = true}).dump());
+      ToJson(UpsampleOptions{.preset = "fast", .without = {"draw", "median"}, .causal = true, .self_check = true})
+          .dump());
   ASSERT_TRUE(ours.ok()) << ours.status();
   EXPECT_EQ(ours->preset, "fast");
   EXPECT_THAT(ours->without, ElementsAre("draw", "median"));
+  EXPECT_TRUE(ours->causal);
   EXPECT_TRUE(ours->self_check);
   const auto parsed =
       ParseUpsampleOptions(ToJson(UpsampleOptions{.method = "linear", .key_every = 8, .threads = 3}).dump());
