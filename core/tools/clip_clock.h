@@ -2,11 +2,15 @@
 #ifndef DEPTHTWEEN_CORE_TOOLS_CLIP_CLOCK_H_
 #define DEPTHTWEEN_CORE_TOOLS_CLIP_CLOCK_H_
 
+#include <functional>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <stop_token>
 #include <string>
 #include <string_view>
 
 #include "core/base/status.h"
+#include "core/capture/synchronise.h"
 #include "core/sequence/clock.h"
 #include "core/sequence/sequence.h"
 
@@ -15,9 +19,10 @@ namespace depthtween::tools {
 // What a user may ask of a clock, as text:
 //   stamps                    the stamps of the depth frames are right
 //   index                     they mean nothing: depth frame k was taken with colour frame k x ratio of the rates
+//   estimate                  measured from the images; where they do not tell, the stamps are kept
 //   OFFSET_MS[,DRIFT_PPM]     the depth clock is OFFSET_MS ahead at the first colour frame and gains DRIFT_PPM
 struct ClockChoice {
-  enum class Mode { kStamps, kIndex, kGiven };
+  enum class Mode { kStamps, kIndex, kEstimate, kGiven };
   Mode mode = Mode::kStamps;
   double offset_ms = 0.0, drift_ppm = 0.0;  // kGiven
 };
@@ -27,9 +32,21 @@ absl::StatusOr<ClockChoice> ParseClockChoice(std::string_view text);
 
 // The clock of one clip: what the choice comes to, decided once and then frozen.
 struct ClipClock {
-  ClockModel model;         // the identity for stamps and index
-  int color_per_depth = 0;  // > 0: pair by index
+  ClockModel model;                       // the identity for stamps and index
+  int color_per_depth = 0;                // > 0: pair by index
+  std::optional<ClockEstimate> estimate;  // how sure `model` is, if it was measured
 };
+
+// Decides. Only an estimate looks at frames, of all depth frames of the recording; it takes `threads`, which do not
+// change it, and the rest as SynchroniseOptions has it. Errors: of EstimateClock.
+absl::StatusOr<ClipClock> DecideClock(const FrameSource& recording, const ClockChoice& choice, int threads,
+                                      std::stop_token stop = {},
+                                      const std::function<void(int done, int total)>& on_progress = nullptr);
+
+// An estimate in one sentence for people, such as "the depth clock is 4.0 ms ahead (+-0.1)..., gains 3012 ppm (+-20)".
+std::string Summary(const ClockEstimate& estimate);
+// The members with their units, "trusted" (no reason against it) and "summary".
+nlohmann::json ToJson(const ClockEstimate& estimate);
 
 nlohmann::json ToJson(const ClipClock& clock);
 // The field "clock" of a clip plan or report; the identity where there is none, as in results of earlier versions.

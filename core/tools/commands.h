@@ -24,6 +24,7 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code);
 void AddBenchmarkCommand(CLI::App& app, int* exit_code);
 void AddPreviewCommand(CLI::App& app, int* exit_code);
 void AddRenderCommand(CLI::App& app, int* exit_code);
+void AddSyncCommand(CLI::App& app, int* exit_code);
 void AddTaskCommand(CLI::App& app, int* exit_code);
 
 }  // namespace depthtween::tools

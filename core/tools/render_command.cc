@@ -118,7 +118,7 @@ class TemporaryResult {
     ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
     ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> source, SequenceFolder::Open(recording));
     ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(dir_, source->sequence(), true));
-    ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*source, options));
+    ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*source, options, stop));
     ASSIGN_OR_RETURN(json self_check, CheckSelfAloud(*source, options, stop));
     ProgressBar progress(plan);
     ASSIGN_OR_RETURN(const std::vector<IntervalReport> reports,

@@ -69,7 +69,7 @@ absl::StatusOr<SelfCheck> CheckSelf(const SequenceFolder& recording, const Upsam
         .reason = absl::StrFormat("%d depth frames are input, and it takes 3 to hold one out between two", keys)};
   UpsampleOptions halved = options;
   halved.key_every = 2 * options.key_every;
-  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(recording, halved));
+  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(recording, halved, stop));
   absl::StatusOr<ClipTruth> truth =
       ClipTruth::Open(recording, plan.clock, halved.key_every, ClipTruth::Kind::kLeftOutDepth);
   if (absl::IsFailedPrecondition(truth.status()))

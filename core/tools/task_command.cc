@@ -119,7 +119,10 @@ absl::Status ValidateTask(const Task& task) {
 
 absl::Status PrepareTask(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(task.arguments));
-  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*input.recording, input.options));
+  ASSIGN_OR_RETURN(const ClipPlan plan,
+                   PrepareClip(*input.recording, input.options, task.stop, [&](int done, int total) {
+                     task.progress.Send({{"stage", absl::StrFormat("clock, look %d of %d", done, total)}});
+                   }));
   // A render that does not fit this clip is better refused now than after its depth has been computed.
   for (size_t i = 0; i < input.renders.size(); ++i)
     RETURN_IF_ERROR(CheckRender(input.renders[i], input.recording->sequence(), plan.constants, RenderPath(i)));

@@ -77,6 +77,7 @@ int Main(int argc, const char* const* argv) {
   AddBenchmarkCommand(app, &exit_code);
   AddPreviewCommand(app, &exit_code);
   AddRenderCommand(app, &exit_code);
+  AddSyncCommand(app, &exit_code);
   AddTaskCommand(app, &exit_code);
   try {
     app.parse(argc, argv);

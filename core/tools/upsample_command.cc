@@ -53,7 +53,14 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
   RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
-  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(*folder, options));
+  ClipPlan plan;
+  {
+    CountLine counter("clock: took", "looks at frames");
+    ASSIGN_OR_RETURN(
+        plan, PrepareClip(*folder, options, signals.token(), [&](int done, int total) { counter.Show(done, total); }));
+  }
+  if (plan.clock.estimate.has_value() && plan.clock.estimate->reason.empty())
+    std::cout << "clock: " << Summary(*plan.clock.estimate) << std::endl;
   const ClipSource source(*folder, plan.clock, options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer,
                    ResultWriter::Create(arguments.out, source.sequence(), options.keep_motion));
@@ -121,7 +128,8 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option("--clock", arguments->options.clock,
                    "How depth frames come onto the colour camera's clock: stamps (they are right), index (pair by\n"
-                   "number), or OFFSET_MS[,DRIFT_PPM] that the depth clock is ahead and gains")
+                   "number), estimate (from the images), or OFFSET_MS[,DRIFT_PPM] that the depth clock is ahead and\n"
+                   "gains")
       ->capture_default_str()
       ->type_name("CLOCK");
   command->add_flag("--force", arguments->force, "Replace an earlier result in OUT");

@@ -164,34 +164,17 @@ absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& 
   return MakePipeline(pipeline);
 }
 
-namespace {
-
-absl::StatusOr<ClipClock> DecideClock(const Sequence& recording, const UpsampleOptions& options) {
-  ASSIGN_OR_RETURN(const ClockChoice choice, ParseClockChoice(options.clock));
-  ClipClock clock{.model = {.reference_ns = recording.color.front().time_ns}};
-  switch (choice.mode) {
-    case ClockChoice::Mode::kStamps:
-      break;
-    case ClockChoice::Mode::kIndex:
-      clock.color_per_depth = ColorFramesPerDepth(recording);
-      break;
-    case ClockChoice::Mode::kGiven:
-      clock.model.offset_ns = 1e6 * choice.offset_ms;
-      clock.model.drift_ppm = choice.drift_ppm;
-      break;
-  }
-  return clock;
-}
-
-}  // namespace
-
-absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options) {
+absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options, std::stop_token stop,
+                                     const std::function<void(int, int)>& on_clock) {
   RETURN_IF_ERROR(Validate(recording.sequence()));
   ClipPlan plan;
-  ASSIGN_OR_RETURN(plan.clock, DecideClock(recording.sequence(), options));
+  ASSIGN_OR_RETURN(const ClockChoice choice, ParseClockChoice(options.clock));
+  ASSIGN_OR_RETURN(plan.clock, DecideClock(recording, choice, options.threads, std::move(stop), on_clock));
   const ClipSource source(recording, plan.clock, options.key_every);
   RETURN_IF_ERROR(WithContext(Validate(source.sequence()), absl::StrCat("with options.clock = ", options.clock)));
   ASSIGN_OR_RETURN(plan.constants, EstimateClipConstants(source, options.causal));
+  if (plan.clock.estimate.has_value() && !plan.clock.estimate->reason.empty())
+    plan.constants.warnings.push_back(absl::StrCat(Summary(*plan.clock.estimate), "; the stamps are kept"));
   plan.intervals = PlanIntervals(source.sequence());
   if (source.sequence().depth.size() == 1)
     plan.constants.warnings.push_back(

@@ -6,6 +6,7 @@
 #ifndef DEPTHTWEEN_CORE_TOOLS_UPSAMPLE_RUN_H_
 #define DEPTHTWEEN_CORE_TOOLS_UPSAMPLE_RUN_H_
 
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <stop_token>
@@ -58,7 +59,11 @@ struct ClipPlan {
 };
 
 // From here on the clip is read through ClipSource(recording, plan.clock, options.key_every).
-absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options);
+// Only a clock that is to be estimated takes time: it heeds `stop` and tells `on_clock`, which may be empty, how many
+// of its looks at frames are done.
+absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options,
+                                     std::stop_token stop = {},
+                                     const std::function<void(int done, int total)>& on_clock = nullptr);
 
 // {"constants": {...}, "clock": {...}, "intervals": [{"index", "first_frame", "frame_count", "held"}], "frames":
 // [{"index", "time_ns", "stem"}]}; constants and clock survive the round trip to the last bit.

@@ -17,12 +17,14 @@ MODULES = {
     "core/raster": ["core/sequence"],
     "core/fill": ["core/sequence"],
     "core/solve": ["core/flow", "core/raster", "core/fill"],
+    "core/capture": ["core/flow", "core/fill"],
     "core/upsample": ["core/solve"],
     "core/baselines": ["core/upsample"],
     "core/metrics": ["core/sequence"],
     "core/synthetic": ["core/io"],
     "core/render": ["core/fill"],
-    "core/tools": ["core/upsample", "core/baselines", "core/metrics", "core/synthetic", "core/render", "core/io"],
+    "core/tools": ["core/capture", "core/upsample", "core/baselines", "core/metrics", "core/synthetic", "core/render",
+                   "core/io"],
     # Headers that both sides of the wire share; they know no generated type.
     "proto/depthtween": [],
     # The server knows recordings as values and files, never the algorithms: those run in child processes.

@@ -15,6 +15,7 @@ using testing::HasSubstr;
 TEST(ClockChoice, IsReadAsWritten) {
   EXPECT_EQ(ParseClockChoice("stamps")->mode, ClockChoice::Mode::kStamps);
   EXPECT_EQ(ParseClockChoice("index")->mode, ClockChoice::Mode::kIndex);
+  EXPECT_EQ(ParseClockChoice("estimate")->mode, ClockChoice::Mode::kEstimate);
   const auto offset = ParseClockChoice("-2.5");
   ASSERT_TRUE(offset.ok()) << offset.status();
   EXPECT_EQ(offset->mode, ClockChoice::Mode::kGiven);
@@ -39,6 +40,39 @@ TEST(ClipClock, SurvivesJson) {
   const ClipClock none = ClockOf(nlohmann::json::object());
   EXPECT_EQ(none.model.ColorTime(12345), 12345);
   EXPECT_EQ(none.color_per_depth, 0);
+}
+
+// The same of an estimate, with its sigmas and why it is not to be trusted.
+TEST(ClipClock, CarriesItsEstimateThroughJson) {
+  const ClipClock clock{.estimate = ClockEstimate{.reason = "too dark",
+                                                  .model = {.reference_ns = 7, .offset_ns = 1e6 / 3, .drift_ppm = 1.5},
+                                                  .offset_sigma_ns = 1e5 / 7,
+                                                  .drift_sigma_ppm = 0.1,
+                                                  .stamp_sigma_ns = 2e5 / 7,
+                                                  .row_time_ns = -3.5,
+                                                  .row_time_sigma_ns = 0.25,
+                                                  .keys = 12,
+                                                  .edges = 34567}};
+  const nlohmann::json json = {{"clock", ToJson(clock)}};
+  const ClipClock read = ClockOf(nlohmann::json::parse(json.dump()));
+  ASSERT_TRUE(read.estimate.has_value());
+  EXPECT_EQ(ToJson(read), ToJson(clock));
+  EXPECT_EQ(json["clock"]["estimate"]["trusted"], false);
+  EXPECT_THAT(Summary(*read.estimate), HasSubstr("do not tell the depth camera's clock: too dark"));
+  EXPECT_FALSE(ClockOf(nlohmann::json{{"clock", ToJson(ClipClock())}}).estimate.has_value());
+}
+
+TEST(ClockEstimate, IsSaidInASentence) {
+  ClockEstimate estimate{.model = {.offset_ns = -4.04e6, .drift_ppm = 3012},
+                         .offset_sigma_ns = 0.1e6,
+                         .drift_sigma_ppm = 19.4,
+                         .keys = 128,
+                         .edges = 5000};
+  EXPECT_EQ(Summary(estimate),
+            "the depth camera's clock is 4.04 ms behind at the first colour frame (+-0.10 ms) and gains 3012 ppm (+-19 "
+            "ppm); from 5000 edge pixels of 128 depth frames");
+  estimate.model.drift_ppm = 0;
+  EXPECT_THAT(Summary(estimate), HasSubstr("no drift can be told (+-19 ppm)"));
 }
 
 // Nine colour frames a millisecond apart, depth with every second one stamped half a millisecond late. A frame's value
@@ -76,6 +110,20 @@ TEST(ClipSource, HasStampsAndFramesThatBelongTogether) {
   ASSERT_EQ(paired.sequence().depth.size(), 3U);
   EXPECT_EQ(paired.sequence().depth[1].time_ns, 4'000'000);
   EXPECT_EQ((*paired.Depth(1))(0, 0), 5.0F);
+}
+
+// Of nine frames no clock can be told: the stamps are kept, and the reason with them. The other choices look at no
+// frame.
+TEST(DecideClock, KeepsStampsWithoutAnEstimateToTrust) {
+  const MemorySource recording = Recording();
+  const auto kept = DecideClock(recording, *ParseClockChoice("estimate"), 1);
+  ASSERT_TRUE(kept.ok()) << kept.status();
+  EXPECT_EQ(kept->model.ColorTime(12345), 12345);
+  ASSERT_TRUE(kept->estimate.has_value());
+  EXPECT_THAT(kept->estimate->reason, HasSubstr("too few"));
+  EXPECT_EQ(DecideClock(recording, *ParseClockChoice("index"), 1)->color_per_depth, 2);
+  EXPECT_EQ(DecideClock(recording, *ParseClockChoice("4,5"), 1)->model.offset_ns, 4e6);
+  EXPECT_FALSE(DecideClock(recording, *ParseClockChoice("stamps"), 1)->estimate.has_value());
 }
 
 }  // namespace

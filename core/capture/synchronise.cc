@@ -1,0 +1,420 @@
+#include "core/capture/synchronise.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+#include <Eigen/LU>
+
+#include "absl/strings/str_format.h"
+#include "core/base/parallel.h"
+#include "core/capture/depth_edges.h"
+#include "core/capture/moving_picture.h"
+#include "core/fill/key_cleaning.h"
+
+namespace depthtween {
+namespace {
+
+struct KeyEdges {
+  int depth_index = -1;
+  double place = 0.0;  // of its stamp in the clip: -1 first .. 1 last
+  std::vector<DepthEdge> edges;
+};
+
+// ---- Search ---------------------------------------------------------------------------------------------------------
+
+// Shifts of a depth stamp that are tried, milliseconds: -half * step .. half * step.
+struct ShiftGrid {
+  double step_ms = 0.0;
+  int half = 0;
+  int count() const { return 2 * half + 1; }
+  double At(int i) const { return (i - half) * step_ms; }
+};
+
+// How well the edges of a key meet those of colour, for each shift of its stamp: every edge has one vote, which it
+// shares out among the shifts by the contrast found there. Edges that stand still give every shift the same.
+absl::StatusOr<std::vector<float>> VotesForShifts(const FrameSource& source, const KeyEdges& key,
+                                                  const ShiftGrid& grid) {
+  constexpr DenseFlowOptions kQuickFlow{.finest_scale = 2, .descent_iterations = 12, .refinement_iterations = 0};
+  constexpr size_t kMaxEdges = 1000;  // a vote of so many is sharp enough to tell where to look
+  const Sequence& sequence = source.sequence();
+  const double color_ms = Milliseconds(MedianPeriodNs(sequence.color));
+  const int64_t stamp = sequence.depth[key.depth_index].time_ns;
+  const size_t every = key.edges.size() / kMaxEdges + 1, edge_count = (key.edges.size() + every - 1) / every;
+  std::vector<float> contrast(edge_count * grid.count(), 0.0F);
+  ColorReader reader(source);
+  MovingPicture picture;
+  int held = -1;
+  for (int i = 0; i < grid.count() && edge_count > 0; ++i) {
+    const int64_t time = stamp + std::llround(1e6 * grid.At(i));
+    const int color = NearestColor(sequence, time);
+    const double apart_ms = Milliseconds(sequence.color[color].time_ns - time);
+    if (std::abs(apart_ms) > color_ms) continue;  // beyond the stream there is nothing to compare with
+    if (color != held) {
+      ASSIGN_OR_RETURN(picture, reader.Read(color, kQuickFlow));
+      held = color;
+    }
+    for (size_t e = 0; e < edge_count; ++e) {
+      const DepthEdge& edge = key.edges[e * every];
+      const MovingPicture::Moved moved = picture.Move(edge, apart_ms);
+      if (!picture.Contains(moved.x, moved.y, 3)) continue;
+      float best = 0;
+      for (const float m : {-1.0F, 0.0F, 1.0F})
+        best = std::max(best, picture.Contrast2(moved.x + m * edge.normal_x, moved.y + m * edge.normal_y, edge.normal_x,
+                                                edge.normal_y));
+      contrast[e * grid.count() + i] = best;
+    }
+  }
+  std::vector<float> votes(grid.count(), 0.0F);
+  for (size_t e = 0; e < edge_count; ++e) {
+    const float* of_edge = &contrast[e * grid.count()];
+    float sum = kNoiseContrast2;
+    for (int i = 0; i < grid.count(); ++i) sum += of_edge[i];
+    for (int i = 0; i < grid.count(); ++i) votes[i] += of_edge[i] / sum;
+  }
+  return votes;
+}
+
+float VoteAt(const std::vector<float>& votes, const ShiftGrid& grid, double shift_ms) {
+  const double at = std::clamp(shift_ms / grid.step_ms + grid.half, 0.0, static_cast<double>(grid.count() - 1));
+  const int i = std::min(static_cast<int>(at), grid.count() - 2);
+  const auto a = static_cast<float>(at - i);
+  return (1 - a) * votes[i] + a * votes[i + 1];
+}
+
+// What stamps are to be shifted by: in the middle of the clip, and how much more at its end.
+struct Line {
+  double middle_ms = 0.0, growth_ms = 0.0;
+  double At(double place) const { return middle_ms + growth_ms * place; }
+};
+
+// The line that collects most votes, among those whose growth is at most `max_growth_ms`; stamps as they are unless it
+// beats them beyond doubt.
+Line FindLine(const std::vector<std::vector<float>>& votes, const std::vector<double>& places, const ShiftGrid& grid,
+              double max_growth_ms) {
+  const auto vote = [&](size_t k, const Line& line) { return VoteAt(votes[k], grid, line.At(places[k])); };
+  const double step = 0.5 * grid.step_ms, reach = grid.At(grid.count() - 1);
+  const int middles = 2 * grid.half, growths = static_cast<int>(std::min(max_growth_ms, reach) / step);
+  Line best;
+  double best_sum = -1.0;
+  for (int i = -middles; i <= middles; ++i)
+    for (int j = -growths; j <= growths; ++j) {
+      const Line line{i * step, j * step};
+      if (std::abs(line.middle_ms) + std::abs(line.growth_ms) > reach) continue;
+      double sum = 0;
+      for (size_t k = 0; k < votes.size(); ++k) sum += vote(k, line);
+      if (sum > best_sum) best_sum = sum, best = line;
+    }
+  // The gain must be that of all parts of the clip, not that of a few chance meetings of edges. The best of a thousand
+  // lines is 3 deviations above the mean by chance alone.
+  constexpr double kBeyondChance = 4.0;
+  double sum = 0, squares = 0;
+  for (size_t k = 0; k < votes.size(); ++k) {
+    const double gain = vote(k, best) - vote(k, Line());
+    sum += gain, squares += gain * gain;
+  }
+  const double variance = std::max(0.0, squares - sum * sum / static_cast<double>(votes.size()));
+  return sum > kBeyondChance * std::sqrt(variance) ? best : Line();
+}
+
+// ---- Fit ------------------------------------------------------------------------------------------------------------
+
+// What the distance from a depth edge to its colour edge along the normal, in pixels, is a sum of.
+enum Cause {
+  kMiddle,   // milliseconds by which the depth frame is later than thought, in the middle of the clip
+  kGrowth,   // how much later at its end
+  kRows,     // the same milliseconds, from the middle row to the last
+  kOutside,  // pixels that depth edges lie outside of objects
+  kRight,    // pixels that the depth image is shifted
+  kDown,
+  kCauses
+};
+using Causes = Eigen::Matrix<double, kCauses, 1>;
+using Normal = Eigen::Matrix<double, kCauses, kCauses>;
+
+constexpr float kReachPx = 6.0F, kSampleStepPx = 0.5F;
+constexpr int kSamples = 2 * static_cast<int>(kReachPx / kSampleStepPx) + 1;
+
+// One depth edge: how far each cause moves it, and where along its normal colour changes.
+struct Comparison {
+  Causes causes;
+  std::array<float, kSamples> share;  // of all change there, for each place; sums to less than 1
+};
+
+absl::StatusOr<std::vector<Comparison>> Compare(const FrameSource& source, const KeyEdges& key, double shift_ms) {
+  constexpr DenseFlowOptions kFlow{.finest_scale = 0};
+  constexpr size_t kMaxEdges = 1500;  // neighbours tell nearly the same
+  const Sequence& sequence = source.sequence();
+  const int64_t time = sequence.depth[key.depth_index].time_ns + std::llround(1e6 * shift_ms);
+  const int color = NearestColor(sequence, time);
+  const double apart_ms = Milliseconds(sequence.color[color].time_ns - time);
+  std::vector<Comparison> comparisons;
+  if (key.edges.empty() || std::abs(apart_ms) > Milliseconds(MedianPeriodNs(sequence.color))) return comparisons;
+  ASSIGN_OR_RETURN(const MovingPicture picture, ColorReader(source).Read(color, kFlow));
+  const size_t every = key.edges.size() / kMaxEdges + 1;
+  const double half_height = 0.5 * (sequence.camera.height - 1);
+  for (size_t e = 0; e < key.edges.size(); e += every) {
+    const DepthEdge& edge = key.edges[e];
+    const MovingPicture::Moved moved = picture.Move(edge, apart_ms);
+    if (!picture.Contains(moved.x, moved.y, kReachPx + 1)) continue;
+    const double nx = edge.normal_x, ny = edge.normal_y, speed = moved.velocity_x * nx + moved.velocity_y * ny;
+    Comparison comparison;
+    comparison.causes << -speed, -speed * key.place, -speed * (moved.y - half_height) / half_height, -1, -nx, -ny;
+    float sum = kSamples * kNoiseContrast2 / 4;
+    for (int i = 0; i < kSamples; ++i) {
+      const float m = kSampleStepPx * static_cast<float>(i) - kReachPx;
+      comparison.share[i] =
+          picture.Contrast2(moved.x + m * edge.normal_x, moved.y + m * edge.normal_y, edge.normal_x, edge.normal_y);
+      sum += comparison.share[i];
+    }
+    for (float& share : comparison.share) share /= sum;
+    comparisons.push_back(comparison);
+  }
+  return comparisons;
+}
+
+// The normal equations of one step of mean shift: each edge is drawn to the changes of colour within `radius_px` of
+// where `causes` puts it.
+struct Sums {
+  Normal normal = Normal::Zero();
+  Causes right = Causes::Zero();
+};
+Sums Gather(const std::vector<Comparison>& comparisons, const Causes& causes, float radius_px) {
+  Sums sums;
+  for (const Comparison& comparison : comparisons) {
+    const auto expected = static_cast<float>(comparison.causes.dot(causes));
+    float weight = 0, moment = 0;
+    for (int i = 0; i < kSamples; ++i) {
+      const float m = kSampleStepPx * static_cast<float>(i) - kReachPx, off = (m - expected) / radius_px;
+      const float inside = std::max(0.0F, 1 - off * off), share = comparison.share[i] * inside * inside;
+      weight += share, moment += share * m;
+    }
+    sums.normal += weight * comparison.causes * comparison.causes.transpose();
+    sums.right += static_cast<double>(moment) * comparison.causes;
+  }
+  return sums;
+}
+
+using Keys = std::vector<std::vector<Comparison>>;
+
+// Runs of neighbouring keys that the spread of the estimate is taken from: neighbours see the same things.
+constexpr int kGroups = 12;
+
+struct FitOptions {
+  bool growth = true;  // else kGrowth stays 0
+  int left_out = -1;   // a group, or -1
+  int threads = 1;
+};
+
+// Leaves the normal matrix of the last step in `normal`, if asked for.
+Causes Fit(const Keys& keys, Causes causes, const std::vector<float>& radii_px, const FitOptions& options,
+           Normal* normal = nullptr) {
+  constexpr int kMaxSteps = 40;
+  constexpr double kSettled = 1e-3;  // milliseconds and pixels
+  std::vector<Sums> sums(keys.size());
+  for (const float radius : radii_px)
+    for (int step = 0; step < kMaxSteps; ++step) {
+      ParallelFor(static_cast<int>(keys.size()), options.threads,
+                  [&](int k) { sums[k] = Gather(keys[k], causes, radius); });
+      Sums all;
+      for (size_t k = 0; k < keys.size(); ++k)
+        if (static_cast<int>(k * kGroups / keys.size()) != options.left_out)
+          all.normal += sums[k].normal, all.right += sums[k].right;
+      // So little that it decides only what no edge tells: that stays near 0.
+      all.normal.diagonal().array() += 1e-6;
+      if (!options.growth) {
+        all.normal.row(kGrowth).setZero(), all.normal.col(kGrowth).setZero();
+        all.normal(kGrowth, kGrowth) = 1, all.right(kGrowth) = 0;
+      }
+      const Causes before = causes;
+      causes = all.normal.fullPivLu().solve(all.right);
+      if (normal != nullptr) *normal = all.normal;
+      if ((causes - before).cwiseAbs().maxCoeff() < kSettled) break;
+    }
+  return causes;
+}
+
+// Pixels. Wide at first, so that the search need not have been exact; then narrow, so that the edge itself counts and
+// not the texture around it.
+const std::vector<float> kRadiiPx = {6, 4, 2.5};
+
+struct Fitted {
+  Causes causes;
+  Normal covariance;
+};
+Fitted FitWithCovariance(const Keys& keys, FitOptions options) {
+  Fitted fitted;
+  Normal normal;
+  fitted.causes = Fit(keys, Causes::Zero(), kRadiiPx, options, &normal);
+  std::array<Causes, kGroups> without;
+  Causes mean = Causes::Zero();
+  for (int g = 0; g < kGroups; ++g) {
+    options.left_out = g;
+    without[g] = Fit(keys, fitted.causes, {kRadiiPx.back()}, options);
+    mean += without[g] / kGroups;
+  }
+  fitted.covariance.setZero();
+  for (const Causes& causes : without)
+    fitted.covariance += (kGroups - 1.0) / kGroups * (causes - mean) * (causes - mean).transpose();
+  // Where nothing moves, all groups may agree on nothing: one edge is told to about a pixel, and no estimate is better
+  // than many of them together.
+  constexpr double kVariancePerEdge = 1.0;
+  fitted.covariance += kVariancePerEdge * normal.inverse();
+  if (!options.growth) fitted.covariance.row(kGrowth).setZero(), fitted.covariance.col(kGrowth).setZero();
+  return fitted;
+}
+
+// A drift known no better than this is not known: crystals are within a few hundred of one another, and cameras that
+// count frames at a nominal rate within some thousand.
+constexpr double kTellingDriftPpm = 1000.0;
+
+// ---- All together ---------------------------------------------------------------------------------------------------
+
+std::vector<int> Spread(int count, int wanted) {
+  const int n = std::min(count, wanted);
+  std::vector<int> picked;
+  for (int i = 0; i < n; ++i) picked.push_back(static_cast<int>(static_cast<int64_t>(i) * (count - 1) / (n - 1)));
+  return picked;
+}
+
+// Counts what is done, and runs bodies on all threads between two counts.
+class Counter {
+ public:
+  Counter(const SynchroniseOptions& options, int total) : options_(options), total_(total) {}
+  // Calls body(i) for i in [0, count). The first error in order is returned.
+  absl::Status For(int count, const std::function<absl::Status(int)>& body) {
+    for (int begin = 0; begin < count; begin += options_.threads) {
+      if (options_.stop.stop_requested()) return absl::CancelledError("stopped");
+      const int size = std::min(options_.threads, count - begin);
+      std::vector<absl::Status> statuses(size);
+      ParallelFor(size, options_.threads, [&](int i) { statuses[i] = body(begin + i); });
+      for (const absl::Status& status : statuses) RETURN_IF_ERROR(status);
+      done_ += size;
+      if (options_.on_progress) options_.on_progress(done_, total_);
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  const SynchroniseOptions& options_;
+  const int total_;
+  int done_ = 0;
+};
+
+}  // namespace
+
+absl::Status SynchroniseOptions::Validate() const {
+  if (max_keys < kMinSynchroniseKeys)
+    return absl::InvalidArgumentError(
+        absl::StrFormat("SynchroniseOptions.max_keys = %d, must be >= %d", max_keys, kMinSynchroniseKeys));
+  if (threads < 1)
+    return absl::InvalidArgumentError(absl::StrFormat("SynchroniseOptions.threads = %d, must be > 0", threads));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<ClockEstimate> EstimateClock(const FrameSource& source, const SynchroniseOptions& options) {
+  RETURN_IF_ERROR(options.Validate());
+  const Sequence& sequence = source.sequence();
+  ClockEstimate estimate{.model = {.reference_ns = sequence.color.front().time_ns}};
+  const int depth_count = static_cast<int>(sequence.depth.size());
+  if (sequence.color.size() < 2 || depth_count < kMinSynchroniseKeys) {
+    estimate.reason = absl::StrFormat("%d colour and %d depth frames are too few to tell clocks by: at least 2 and %d",
+                                      sequence.color.size(), depth_count, kMinSynchroniseKeys);
+    return estimate;
+  }
+  const int64_t first = sequence.depth.front().time_ns, last = sequence.depth.back().time_ns;
+  const double half_span_ms = 0.5 * Milliseconds(last - first);
+  const double color_ms = Milliseconds(MedianPeriodNs(sequence.color));
+  const double depth_ms = Milliseconds(MedianPeriodNs(sequence.depth));
+
+  const std::vector<int> picked = Spread(depth_count, options.max_keys);
+  const int count = static_cast<int>(picked.size());
+  constexpr int kMaxSearched = 48;  // each looks at four periods of depth: the search is the dearest part
+  const std::vector<int> searched = Spread(count, kMaxSearched);
+  const int search_count = static_cast<int>(searched.size());
+  constexpr int kRounds = 3;  // of comparing; the last only where there is no drift
+  Counter counter(options, (1 + kRounds) * count + search_count);
+
+  std::vector<KeyEdges> keys(count);
+  RETURN_IF_ERROR(counter.For(count, [&](int k) -> absl::Status {
+    keys[k].depth_index = picked[k];
+    keys[k].place = Milliseconds(sequence.depth[picked[k]].time_ns - first) / half_span_ms - 1;
+    ASSIGN_OR_RETURN(const Image<float> depth, source.Depth(picked[k]));
+    keys[k].edges = FindDepthEdges(RemoveFlyingPixels(depth, DepthNoise(), 1));
+    return absl::OkStatus();
+  }));
+
+  // An edge must not jump over another from one shift to the next: eight steps between depth frames at least.
+  const double step_ms = std::min(color_ms, depth_ms / 8);
+  const ShiftGrid grid{.step_ms = step_ms, .half = static_cast<int>(std::lround(2 * depth_ms / step_ms))};
+  std::vector<std::vector<float>> votes(search_count);
+  RETURN_IF_ERROR(counter.For(search_count, [&](int i) -> absl::Status {
+    ASSIGN_OR_RETURN(votes[i], VotesForShifts(source, keys[searched[i]], grid));
+    return absl::OkStatus();
+  }));
+  std::vector<double> places;
+  for (const int k : searched) places.push_back(keys[k].place);
+  constexpr double kMaxDrift = 0.01;
+  Line line = FindLine(votes, places, grid, kMaxDrift * half_span_ms);
+
+  const auto compare_all = [&]() -> absl::StatusOr<Keys> {
+    Keys comparisons(count);
+    RETURN_IF_ERROR(counter.For(count, [&](int k) -> absl::Status {
+      ASSIGN_OR_RETURN(comparisons[k], Compare(source, keys[k], line.At(keys[k].place)));
+      return absl::OkStatus();
+    }));
+    return comparisons;
+  };
+  // Colour frames are looked up anew where the first fit puts the keys.
+  ASSIGN_OR_RETURN(Keys comparisons, compare_all());
+  const Causes first_fit = Fit(comparisons, Causes::Zero(), kRadiiPx, {.threads = options.threads});
+  line = {line.middle_ms + first_fit(kMiddle), line.growth_ms + first_fit(kGrowth)};
+  ASSIGN_OR_RETURN(comparisons, compare_all());
+  for (const auto& of_key : comparisons) {
+    estimate.keys += of_key.empty() ? 0 : 1;
+    estimate.edges += static_cast<int64_t>(of_key.size());
+  }
+  if (estimate.edges == 0) {
+    estimate.reason = "no depth frame has an edge that colour shows too";
+    return estimate;
+  }
+  Fitted fitted = FitWithCovariance(comparisons, {.threads = options.threads});
+  // The drift of real clocks is told apart from none, or taken for none: over a short clip it would be anything.
+  constexpr double kSignificant = 3.0;
+  const double growth_sigma_ms = std::sqrt(fitted.covariance(kGrowth, kGrowth));
+  estimate.drift_sigma_ppm = 1e6 * growth_sigma_ms / half_span_ms;
+  double growth_ms = line.growth_ms + fitted.causes(kGrowth);
+  if (!(std::abs(growth_ms) > kSignificant * growth_sigma_ms && estimate.drift_sigma_ppm < kTellingDriftPpm)) {
+    line.growth_ms = growth_ms = 0;
+    ASSIGN_OR_RETURN(comparisons, compare_all());
+    fitted = FitWithCovariance(comparisons, {.growth = false, .threads = options.threads});
+  }
+
+  // A corrected stamp is stamp + middle + growth * place.
+  const double middle_ms = line.middle_ms + fitted.causes(kMiddle);
+  const auto sigma_at = [&](double place) {
+    return std::sqrt(fitted.covariance(kMiddle, kMiddle) + 2 * place * fitted.covariance(kMiddle, kGrowth) +
+                     place * place * fitted.covariance(kGrowth, kGrowth));
+  };
+  const double drift = -growth_ms / (half_span_ms + growth_ms);
+  const double middle_since_ns = static_cast<double>(first + (last - first) / 2 - estimate.model.reference_ns);
+  estimate.model.drift_ppm = 1e6 * drift;
+  estimate.model.offset_ns = -(1 + drift) * 1e6 * middle_ms - drift * middle_since_ns;
+  const double reference_place = -1 - Milliseconds(first - estimate.model.reference_ns) / half_span_ms;
+  estimate.offset_sigma_ns = 1e6 * sigma_at(reference_place);
+  estimate.stamp_sigma_ns = 1e6 * std::max(sigma_at(-1), sigma_at(1));
+  const double ns_per_row = 1e6 / (0.5 * (sequence.camera.height - 1));
+  estimate.row_time_ns = -ns_per_row * fitted.causes(kRows);
+  estimate.row_time_sigma_ns = ns_per_row * std::sqrt(fitted.covariance(kRows, kRows));
+  // A stamp that is surer than half a step of colour says which colour frame a depth frame belongs to.
+  if (!(estimate.stamp_sigma_ns < 0.5e6 * color_ms))
+    estimate.reason =
+        absl::StrFormat("too little moves: stamps would be corrected to +-%.3g ms, and half a colour frame is %.3g ms",
+                        1e-6 * estimate.stamp_sigma_ns, 0.5 * color_ms);
+  return estimate;
+}
+
+}  // namespace depthtween
