@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Clocks estimated from the images beside the truth, on the library's own scenes: 10 s at 240 and 30 frames a second, through the
-# sensor model, 192x160. Then, if recordings lie beside the project, what the stamps, pairing by index and an estimate are worth on
-# real/rotation (stamps of two unsynchronised cameras). Prints Markdown.
+# Clocks estimated from the images beside the truth, on the library's own scenes: 10 s at 240 and 30 frames a second,
+# through the sensor model, 192x160. Then, if recordings lie beside the project, what the stamps, pairing by index and
+# an estimate are worth on real/rotation (stamps of two unsynchronised cameras). Prints Markdown.
 #
 # Usage: tests/bench/clocks.sh [DATA] [SCENE...]    DATA: folder with real/ (default: $DEPTHTWEEN_DATA, else ../shared/data)
 #        DEPTHTWEEN_CORE names the program (default: build/release/bin/depthtween-core)
-#        DEPTHTWEEN_SCENES names a folder that keeps the rendered scenes: rendering takes minutes, an estimate seconds
+#        DEPTHTWEEN_SCENES names a folder that keeps the rendered scenes: rendering takes minutes
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 data=${1:-${DEPTHTWEEN_DATA:-../shared/data}}
@@ -22,7 +22,8 @@ for scene in "$@"; do
   [ -f "$scenes/$scene/rgb.txt" ] ||
     "$core" synth "$scene" -o "$scenes/$scene" --frames 2401 --size 192x160 --no-truth >/dev/null 2>"$work/log"
   while read -r offset drift; do
-    # A clock changes nothing but stamps: one rendering serves all clocks, as `synth --time-offset-ms --drift-ppm` would stamp it.
+    # A clock changes nothing but stamps: one rendering serves all clocks, stamped as `synth --time-offset-ms
+    # --drift-ppm` does it.
     clip=$work/planted
     rm -rf "$clip"
     mkdir "$clip"

@@ -53,7 +53,8 @@ TEST(UpsampleOptions, WrongOnesAreNamed) {
   EXPECT_THAT(message(R"({"key_every":1.5})"), HasSubstr("options.key_every = 1.5, must be a whole number"));
   EXPECT_THAT(message(R"({"key_every":4294967297})"), HasSubstr("options.key_every = 4294967297"));
   EXPECT_THAT(message(R"({"threads":-1})"), HasSubstr("options.threads = -1, must be 1 to 1024"));
-  EXPECT_THAT(message(R"({"clock":"sundial"})"), HasSubstr("options.clock 'sundial', must be stamps, index, or"));
+  EXPECT_THAT(message(R"({"clock":"sundial"})"),
+              HasSubstr("options.clock 'sundial', must be stamps, index, estimate, or"));
   EXPECT_THAT(message(R"({"clock":"1,2,3"})"), HasSubstr("options.clock "));
   EXPECT_THAT(message(R"({"clock":"0,2e5"})"), HasSubstr("ClockModel.drift_ppm = 200000"));
   EXPECT_THAT(message(R"({"thread":2})"), HasSubstr("options.thread is not known"));
