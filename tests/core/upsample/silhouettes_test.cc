@@ -65,7 +65,7 @@ struct Situation {
     input = {.target = target, .fused = &fused, .choice = &choice, .keys = {&keys[0], &keys[1]}, .noise = {}};
     for (int k = 0; k < kFrames; ++k)
       input.window.push_back({.tau = static_cast<float>(k) / (kFrames - 1), .color = scene.color[k]});
-    input.window[target].depth_m = depth;
+    input.window[target].depth_m = fused.depth_m;
   }
 
   Image<float> Settled() const {
