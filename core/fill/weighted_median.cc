@@ -55,8 +55,10 @@ Image<float> WeightedMedian(const MedianVoters& own, const std::vector<MedianWit
     const float d = static_cast<float>(i) / (3.0F * options.color_sigma);
     color_weight[i] = std::exp(-0.5F * d * d) + 1e-4F;
   }
-  std::vector<float> space_weight(radius + 1);
-  for (int i = 0; i <= radius; ++i) {
+  // Either window may be the wider one.
+  const int widest = std::max(radius, options.witness_radius);
+  std::vector<float> space_weight(widest + 1);
+  for (int i = 0; i <= widest; ++i) {
     const float d = static_cast<float>(i) / options.space_sigma;
     space_weight[i] = std::exp(-0.5F * d * d);
   }

@@ -29,7 +29,7 @@ struct WeightedMedianOptions {
   int radius = 3;            // pixels, 1..15
   float space_sigma = 1.5F;  // pixels: thin things must not be outvoted by the wide background around them
   float color_sigma = 5.0F;  // sRGB units, per channel: a little above a camera's noise
-  int witness_radius = 2;    // pixels, 0..radius: motion between frames is known to about one
+  int witness_radius = 2;    // pixels, 0..15: motion between frames is known to about one
 };
 
 // The median of depth around each pixel whose mask is non-zero, over `own` and all witnesses; own depth elsewhere.

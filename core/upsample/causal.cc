@@ -1,7 +1,6 @@
 #include "core/upsample/causal.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <deque>
 #include <utility>
@@ -13,19 +12,16 @@
 #include "core/upsample/choose.h"
 #include "core/upsample/fuse.h"
 #include "core/upsample/keys.h"
+#include "core/upsample/motion_options.h"
+#include "core/upsample/stage_runner.h"
 
 namespace depthtween {
 namespace {
 
-// As in the pipeline: steps from frame to frame start and propose, the flow to the key decides edges.
-constexpr DenseFlowOptions kStepFlow{
-    .finest_scale = 1, .patch_stride = 4, .descent_iterations = 16, .refinement_iterations = 0};
 // Frames are taken together to keep the threads busy, few enough to be held in memory. The bits do not depend on it.
 constexpr int kFramesTogether = 8;
 // Keys farther apart than so many colour frames say nothing of how a surface goes on.
 constexpr int kLongestGapFrames = 64;
-// Depths at the two ends of a track that differ by more than this share of the nearer are on two surfaces.
-constexpr float kSameSurface = 0.2F;
 // The trend of a pixel is the mean over its layer this far around, pixels: single pixels tell mostly of noise.
 constexpr int kTrendRadius = 3;
 // A trend goes on for this many gaps between keys; then the surface stands still, for nothing confirms it any more.
@@ -34,9 +30,6 @@ constexpr double kTrendGaps = 1.0;
 // surface: one of them shows what was hidden, and it is the one that matches worse, by at least this much (sRGB units).
 constexpr float kApartPx = 4.0F;
 constexpr float kWorseMatch = 2.0F;
-// So many frames before bear witness to a frame's edges, each with this weight of the next.
-constexpr int kWitnessFrames = 2;
-constexpr float kWitnessWeight = 0.7F;
 // What a filled pixel's vote on edges counts.
 constexpr float kGuessConfidence = 0.02F;
 
@@ -115,54 +108,32 @@ class CausalRun {
         interval_(interval),
         options_(options),
         context_(context),
-        noise_{static_cast<float>(constants.noise_a_m), static_cast<float>(constants.noise_b_per_m)} {}
+        noise_{static_cast<float>(constants.noise_a_m), static_cast<float>(constants.noise_b_per_m)},
+        stages_(context) {}
 
   absl::StatusOr<IntervalSummary> Run(const FrameSink& sink) {
     for (const Stretch& stretch : Stretches(source_.sequence(), interval_)) {
       if (stretch.key < 0) {
-        RETURN_IF_ERROR(Stage("deliver", [&] { return DeliverUnknown(stretch, sink); }));
+        RETURN_IF_ERROR(stages_.Stage("deliver", [&] { return DeliverUnknown(stretch, sink); }));
         continue;
       }
-      RETURN_IF_ERROR(Stage("keys", [&] { return TakeKey(stretch.key); }));
-      RETURN_IF_ERROR(Stage("trend", [&] { return FindTrend(stretch.key); }));
+      RETURN_IF_ERROR(stages_.Stage("keys", [&] { return TakeKey(stretch.key); }));
+      RETURN_IF_ERROR(stages_.Stage("trend", [&] { return FindTrend(stretch.key); }));
       const int end = stretch.first_frame + stretch.frame_count;
       for (int first = stretch.first_frame; first < end; first += kFramesTogether) {
         const int count = std::min(kFramesTogether, end - first);
-        RETURN_IF_ERROR(Stage("read", [&] { return Read(first, count); }));
-        RETURN_IF_ERROR(Stage("flow", [&] { return StepBack(); }));
-        RETURN_IF_ERROR(Stage("track", [&] { return FlowToKey(); }));
-        RETURN_IF_ERROR(Stage("choose", [&] { return ChooseAndGoOn(); }));
-        RETURN_IF_ERROR(Stage("edges", [&] { return SettleEdges(); }));
-        RETURN_IF_ERROR(Stage("deliver", [&] { return Deliver(sink); }));
+        RETURN_IF_ERROR(stages_.Stage("read", [&] { return Read(first, count); }));
+        RETURN_IF_ERROR(stages_.Stage("flow", [&] { return StepBack(); }));
+        RETURN_IF_ERROR(stages_.Stage("track", [&] { return FlowToKey(); }));
+        RETURN_IF_ERROR(stages_.Stage("choose", [&] { return ChooseAndGoOn(); }));
+        RETURN_IF_ERROR(stages_.Stage("edges", [&] { return SettleEdges(); }));
+        RETURN_IF_ERROR(stages_.Stage("deliver", [&] { return Deliver(sink); }));
       }
     }
-    summary_.termination = "complete";
-    summary_.frames = interval_.frame_count;
-    return summary_;
+    return stages_.Complete(interval_.frame_count);
   }
 
  private:
-  template <typename Body>
-  absl::Status Stage(const char* name, const Body& body) {
-    if (context_.stop.stop_requested()) return absl::CancelledError("stopped on request");
-    if (context_.on_stage) context_.on_stage(name);
-    const auto start = std::chrono::steady_clock::now();
-    absl::Status status = body();
-    summary_.stage_seconds[name] += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    return status;
-  }
-
-  // Runs body(i) for count items side by side and returns the first error in item order.
-  template <typename Body>
-  absl::Status SideBySide(int count, const Body& body) {
-    std::vector<absl::Status> statuses(count);
-    ParallelFor(count, context_.threads, [&](int i) {
-      statuses[i] = context_.stop.stop_requested() ? absl::CancelledError("stopped on request") : body(i);
-    });
-    for (absl::Status& status : statuses) RETURN_IF_ERROR(std::move(status));
-    return absl::OkStatus();
-  }
-
   absl::StatusOr<Frame> ReadFrame(int index) const {
     Frame frame{.index = index};
     ASSIGN_OR_RETURN(frame.color, source_.Color(index));
@@ -175,7 +146,7 @@ class CausalRun {
     ASSIGN_OR_RETURN(Image<float> depth, source_.Depth(depth_index));
     if (key.toward < 0) return depth;
     ASSIGN_OR_RETURN(const Frame toward, ReadFrame(key.toward));
-    ASSIGN_OR_RETURN(const Image<Flow2> flow, DenseFlow(frame.luma, toward.luma, kStepFlow));
+    ASSIGN_OR_RETURN(const Image<Flow2> flow, DenseFlow(frame.luma, toward.luma, kNeighbourFlow));
     return MoveDepthToColorFrame(depth, flow, key.fraction);
   }
 
@@ -212,18 +183,18 @@ class CausalRun {
 
     std::vector<Frame> between(steps + 1);  // from the key before to the key
     std::vector<Image<Flow2>> back(steps);  // [i]: from i + 1 to i
-    RETURN_IF_ERROR(SideBySide(steps + 1, [&](int i) -> absl::Status {
+    RETURN_IF_ERROR(stages_.SideBySide(steps + 1, [&](int i) -> absl::Status {
       ASSIGN_OR_RETURN(between[i], ReadFrame(before.color_index + i));
       return absl::OkStatus();
     }));
-    RETURN_IF_ERROR(SideBySide(steps, [&](int i) -> absl::Status {
-      ASSIGN_OR_RETURN(back[i], DenseFlow(between[i + 1].luma, between[i].luma, kStepFlow));
+    RETURN_IF_ERROR(stages_.SideBySide(steps, [&](int i) -> absl::Status {
+      ASSIGN_OR_RETURN(back[i], DenseFlow(between[i + 1].luma, between[i].luma, kNeighbourFlow));
       return absl::OkStatus();
     }));
     Image<Flow2> composed = back[steps - 1].Clone();
     for (int i = steps - 2; i >= 0; --i) composed = Compose(composed, back[i]);
-    ASSIGN_OR_RETURN(const Image<Flow2> motion,
-                     DenseFlow(between[steps].luma, between[0].luma, ToKeyFlow(), &composed));
+    ASSIGN_OR_RETURN(const Image<Flow2> motion, DenseFlow(between[steps].luma, between[0].luma,
+                                                          FlowToKeyOptions(options_.flow_finest_scale), &composed));
 
     const double gap_s = static_cast<double>(key_.time_ns - before.time_ns) * 1e-9;
     Image<float> change(width, height);  // metres; 0 also where it is not known
@@ -269,7 +240,7 @@ class CausalRun {
   absl::Status Read(int first, int count) {
     frames_.clear();
     frames_.resize(count);
-    return SideBySide(count, [&](int i) -> absl::Status {
+    return stages_.SideBySide(count, [&](int i) -> absl::Status {
       ASSIGN_OR_RETURN(frames_[i], ReadFrame(first + i));
       return absl::OkStatus();
     });
@@ -283,10 +254,10 @@ class CausalRun {
   }
 
   absl::Status StepBack() {
-    RETURN_IF_ERROR(SideBySide(static_cast<int>(frames_.size()), [&](int i) -> absl::Status {
+    RETURN_IF_ERROR(stages_.SideBySide(static_cast<int>(frames_.size()), [&](int i) -> absl::Status {
       const Frame* const before = Before(static_cast<size_t>(i));
       if (before == nullptr) return absl::OkStatus();
-      ASSIGN_OR_RETURN(frames_[i].step_back, DenseFlow(frames_[i].luma, before->luma, kStepFlow));
+      ASSIGN_OR_RETURN(frames_[i].step_back, DenseFlow(frames_[i].luma, before->luma, kNeighbourFlow));
       return absl::OkStatus();
     }));
     for (size_t i = 0; i < frames_.size(); ++i) {
@@ -297,21 +268,15 @@ class CausalRun {
     return absl::OkStatus();
   }
 
-  DenseFlowOptions ToKeyFlow() const {
-    return {.finest_scale = options_.flow_finest_scale,
-            .patch_stride = 6,
-            .descent_iterations = 5,
-            .refinement_iterations = 0};
-  }
-
   absl::Status FlowToKey() {
-    return SideBySide(static_cast<int>(frames_.size()), [&](int i) -> absl::Status {
+    return stages_.SideBySide(static_cast<int>(frames_.size()), [&](int i) -> absl::Status {
       Frame& frame = frames_[i];
       if (frame.index == key_frame_.index) {
         frame.refined = frame.composed.Clone();
         return absl::OkStatus();
       }
-      ASSIGN_OR_RETURN(frame.refined, DenseFlow(frame.luma, key_frame_.luma, ToKeyFlow(), &frame.composed));
+      ASSIGN_OR_RETURN(frame.refined, DenseFlow(frame.luma, key_frame_.luma,
+                                                FlowToKeyOptions(options_.flow_finest_scale), &frame.composed));
       return absl::OkStatus();
     });
   }
@@ -320,7 +285,7 @@ class CausalRun {
 
   absl::Status ChooseAndGoOn() {
     const int inner = ThreadsPerFrame();
-    return SideBySide(static_cast<int>(frames_.size()), [&](int i) {
+    return stages_.SideBySide(static_cast<int>(frames_.size()), [&](int i) {
       Frame& frame = frames_[i];
       const MatchImage target(frame.color);
       const Image<Flow2> still(frame.color.width(), frame.color.height());
@@ -372,7 +337,7 @@ class CausalRun {
 
   absl::Status SettleEdges() {
     const int inner = ThreadsPerFrame();
-    return SideBySide(static_cast<int>(frames_.size()), [&](int i) {
+    return stages_.SideBySide(static_cast<int>(frames_.size()), [&](int i) {
       Frame& frame = frames_[i];
       Image<Flow2> motions[kWitnessFrames];
       std::vector<MedianWitness> witnesses;
@@ -395,21 +360,12 @@ class CausalRun {
   }
 
   DepthResult ResultOf(const Frame& frame, const std::vector<MedianWitness>& witnesses, int threads) const {
-    const Fused& fused = frame.fused;
-    DepthResult result{.color_index = frame.index};
-    if (options_.median_radius > 0) {
-      const Image<uint8_t> mask = NearDepthJumps(fused.depth_m, options_.median_radius + 1, noise_, threads);
-      result.depth_m = WeightedMedian({fused.depth_m, fused.confidence, frame.color}, witnesses, mask,
-                                      {.radius = options_.median_radius}, threads);
-    } else {
-      result.depth_m = fused.depth_m.Clone();
-    }
-    result.sigma_m = PredictSigma(result.depth_m, fused, noise_, threads);
-    result.provenance = fused.provenance.Clone();
-    // A frame taken together with its key shows what the sensor saw.
-    if (frame.index == key_.color_index && key_.toward < 0)
-      for (size_t p = 0; p < result.provenance.pixel_count(); ++p)
-        if (key_.distance.data()[p] == 0) result.provenance.data()[p] = Provenance::kMeasured;
+    DepthResult result{
+        .color_index = frame.index,
+        .depth_m = MedianNearJumps(frame.fused, frame.color, witnesses, options_.median_radius, noise_, threads)};
+    result.sigma_m = PredictSigma(result.depth_m, frame.fused, noise_, threads);
+    result.provenance = frame.fused.provenance.Clone();
+    if (frame.index == key_.color_index) MarkMeasured(key_, result.provenance);
     return result;
   }
 
@@ -438,7 +394,7 @@ class CausalRun {
   const PipelineOptions options_;
   const RunContext& context_;
   const DepthNoise noise_;
-  IntervalSummary summary_;
+  StageRunner stages_;
 
   Key key_;
   Frame key_frame_;

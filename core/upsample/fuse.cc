@@ -80,6 +80,16 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
   return out;
 }
 
+Image<float> MedianNearJumps(const Fused& fused, ImageView<const Rgb8> color,
+                             const std::vector<MedianWitness>& witnesses, int radius, const DepthNoise& noise,
+                             int threads) {
+  if (radius == 0) return fused.depth_m.Clone();
+  Image<uint8_t> mask = NearDepthJumps(fused.depth_m, radius + 1, noise, threads);
+  for (size_t p = 0; p < mask.pixel_count(); ++p)
+    if (fused.confirmed.data()[p]) mask.data()[p] = 0;
+  return WeightedMedian({fused.depth_m, fused.confidence, color}, witnesses, mask, {.radius = radius}, threads);
+}
+
 Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, const DepthNoise& noise, int threads) {
   const int width = depth_m.width(), height = depth_m.height();
   Image<float> sigma(width, height);

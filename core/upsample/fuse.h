@@ -4,6 +4,9 @@
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_FUSE_H_
 #define DEPTHTWEEN_CORE_UPSAMPLE_FUSE_H_
 
+#include <vector>
+
+#include "core/fill/weighted_median.h"
 #include "core/sequence/depth_result.h"
 #include "core/upsample/choose.h"
 
@@ -20,6 +23,12 @@ struct Fused {
 // Where the sides agree: their mean, weighted by match and closeness in time. Where they differ moderately and match
 // equally well: the surface moved in depth, linear in time. Otherwise: the better match. With one side: what it says.
 Fused Fuse(const ChooseInput& input, const Choice& choice, int threads);
+
+// Fused depth, near jumps settled by the median along colour of `radius` pixels (0: left as it is), in which other
+// frames vote as well. Confirmed pixels stay.
+Image<float> MedianNearJumps(const Fused& fused, ImageView<const Rgb8> color,
+                             const std::vector<MedianWitness>& witnesses, int radius, const DepthNoise& noise,
+                             int threads);
 
 // Predicted standard deviation of each depth (metres, 0 where depth is unknown): the sensor's noise, what the two keys
 // disagree by, the mismatch, and at silhouettes the chance to have taken the wrong side. `depth_m` may have been

@@ -67,4 +67,11 @@ void PrepareKey(ImageView<const float> depth_m, ImageView<const Rgb8> color, con
   key.image = MatchImage(color);
 }
 
+void MarkMeasured(const Key& key, ImageView<Provenance> provenance) {
+  if (key.toward >= 0) return;
+  for (int y = 0; y < provenance.height(); ++y)
+    for (int x = 0; x < provenance.width(); ++x)
+      if (key.distance(x, y) == 0) provenance(x, y) = Provenance::kMeasured;
+}
+
 }  // namespace depthtween

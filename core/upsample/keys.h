@@ -36,6 +36,10 @@ Image<float> MoveDepthToColorFrame(ImageView<const float> depth_m, ImageView<con
 void PrepareKey(ImageView<const float> depth_m, ImageView<const Rgb8> color, const DepthNoise& noise, int threads,
                 Key& key);
 
+// The frame that a key is seen in shows what the sensor saw, unless the depth frame had to be moved to it: measured
+// pixels are marked so.
+void MarkMeasured(const Key& key, ImageView<Provenance> provenance);
+
 }  // namespace depthtween
 
 #endif  // DEPTHTWEEN_CORE_UPSAMPLE_KEYS_H_

@@ -1,7 +1,6 @@
 #include "core/upsample/pipeline.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <utility>
@@ -9,7 +8,6 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "core/base/parallel.h"
 #include "core/fill/weighted_median.h"
 #include "core/flow/dense_flow.h"
 #include "core/raster/surface_raster.h"
@@ -17,29 +15,18 @@
 #include "core/upsample/choose.h"
 #include "core/upsample/fuse.h"
 #include "core/upsample/keys.h"
+#include "core/upsample/motion_options.h"
 #include "core/upsample/silhouettes.h"
+#include "core/upsample/stage_runner.h"
 
 namespace depthtween {
 namespace {
-
-// Neighbour-to-neighbour flow only proposes and starts: half resolution is enough. The flow to a key decides edges.
-// Variational refinement smooths across silhouettes what the choice among proposals has to tell apart: without it
-// errors stay within 1 % (rotation: 1 % lower), and flow takes half the time.
-constexpr DenseFlowOptions kNeighbourFlow{
-    .finest_scale = 1, .patch_stride = 4, .descent_iterations = 16, .refinement_iterations = 0};
 
 // Over so few frames, and so few pixels in the mean, motion is small and its error smaller: half resolution is enough.
 constexpr int kNearFrames = 2;
 constexpr double kNearMotionPx = 4.0;
 // Surfaces are drawn from every second pixel: inside a layer motion is smooth, and a proposal need not know its edges.
 constexpr int kDrawStep = 2;
-// A track's two ends whose depths differ by more than this share of the nearer are on two surfaces.
-constexpr float kSameSurface = 0.2F;
-// So many frames on either side bear witness to a frame's edges, the next one with this weight, the second with its
-// square: beyond, what they say of an edge is no longer of that edge.
-constexpr int kWitnessFrames = 2;
-constexpr float kWitnessWeight = 0.7F;
-
 // Mean length of the motions, from every fourth pixel in both directions.
 double MeanLength(const Image<Flow2>& flow) {
   double sum = 0, count = 0;
@@ -65,49 +52,27 @@ class IntervalRun {
         interval_(interval),
         options_(options),
         context_(context),
-        noise_{static_cast<float>(constants.noise_a_m), static_cast<float>(constants.noise_b_per_m)} {}
+        noise_{static_cast<float>(constants.noise_a_m), static_cast<float>(constants.noise_b_per_m)},
+        stages_(context) {}
 
   absl::StatusOr<IntervalSummary> Run(const FrameSink& sink) {
     if (interval_.Held()) {
-      RETURN_IF_ERROR(Stage("hold", [&] { return Hold(sink); }));
+      RETURN_IF_ERROR(stages_.Stage("hold", [&] { return Hold(sink); }));
     } else {
-      RETURN_IF_ERROR(Stage("read", [&] { return Read(); }));
-      RETURN_IF_ERROR(Stage("flow", [&] { return FlowBetweenNeighbours(); }));
-      RETURN_IF_ERROR(Stage("keys", [&] { return PrepareKeys(); }));
-      RETURN_IF_ERROR(Stage("track", [&] { return FlowToKeys(); }));
-      RETURN_IF_ERROR(Stage("draw", [&] { return DrawKeys(); }));
-      RETURN_IF_ERROR(Stage("choose", [&] { return ChooseAndFuse(); }));
-      RETURN_IF_ERROR(Stage("edges", [&] { return SettleEdges(); }));
-      RETURN_IF_ERROR(Stage("silhouettes", [&] { return DecideSilhouettes(); }));
-      RETURN_IF_ERROR(Stage("deliver", [&] { return Deliver(sink); }));
+      RETURN_IF_ERROR(stages_.Stage("read", [&] { return Read(); }));
+      RETURN_IF_ERROR(stages_.Stage("flow", [&] { return FlowBetweenNeighbours(); }));
+      RETURN_IF_ERROR(stages_.Stage("keys", [&] { return PrepareKeys(); }));
+      RETURN_IF_ERROR(stages_.Stage("track", [&] { return FlowToKeys(); }));
+      RETURN_IF_ERROR(stages_.Stage("draw", [&] { return DrawKeys(); }));
+      RETURN_IF_ERROR(stages_.Stage("choose", [&] { return ChooseAndFuse(); }));
+      RETURN_IF_ERROR(stages_.Stage("edges", [&] { return SettleEdges(); }));
+      RETURN_IF_ERROR(stages_.Stage("silhouettes", [&] { return DecideSilhouettes(); }));
+      RETURN_IF_ERROR(stages_.Stage("deliver", [&] { return Deliver(sink); }));
     }
-    summary_.termination = "complete";
-    summary_.frames = interval_.frame_count;
-    return summary_;
+    return stages_.Complete(interval_.frame_count);
   }
 
  private:
-  template <typename Body>
-  absl::Status Stage(const char* name, const Body& body) {
-    if (context_.stop.stop_requested()) return absl::CancelledError("stopped on request");
-    if (context_.on_stage) context_.on_stage(name);
-    const auto start = std::chrono::steady_clock::now();
-    absl::Status status = body();
-    summary_.stage_seconds[name] += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    return status;
-  }
-
-  // Runs body(i) for count items side by side and returns the first error in item order.
-  template <typename Body>
-  absl::Status SideBySide(int count, const Body& body) {
-    std::vector<absl::Status> statuses(count);
-    ParallelFor(count, context_.threads, [&](int i) {
-      statuses[i] = context_.stop.stop_requested() ? absl::CancelledError("stopped on request") : body(i);
-    });
-    for (absl::Status& status : statuses) RETURN_IF_ERROR(std::move(status));
-    return absl::OkStatus();
-  }
-
   int FrameInWindow(int i) const { return interval_.first_frame + i - window_.first; }
   int KeyInWindow(int side) const { return keys_[side].color_index - window_.first; }
   // The frame's time between the keys, 0..1; stamps decide, not indices.
@@ -128,7 +93,7 @@ class IntervalRun {
     const int count = last - first + 1;
     window_.color.resize(count);
     window_.luma.resize(count);
-    return SideBySide(count + 2, [&](int i) -> absl::Status {
+    return stages_.SideBySide(count + 2, [&](int i) -> absl::Status {
       if (i < 2) {
         ASSIGN_OR_RETURN(measured_[i], source_.Depth(i == 0 ? interval_.key_before : interval_.key_after));
         return absl::OkStatus();
@@ -143,7 +108,7 @@ class IntervalRun {
     const int pairs = window_.size() - 1;
     forward_.resize(pairs);
     backward_.resize(pairs);
-    return SideBySide(2 * pairs, [&](int i) -> absl::Status {
+    return stages_.SideBySide(2 * pairs, [&](int i) -> absl::Status {
       const int pair = i / 2;
       const auto& a = window_.luma[pair];
       const auto& b = window_.luma[pair + 1];
@@ -157,7 +122,7 @@ class IntervalRun {
   }
 
   absl::Status PrepareKeys() {
-    return SideBySide(2, [&](int side) -> absl::Status {
+    return stages_.SideBySide(2, [&](int side) -> absl::Status {
       Key& key = keys_[side];
       const int at = KeyInWindow(side);
       if (key.toward >= 0) {
@@ -189,20 +154,17 @@ class IntervalRun {
   // directly.
   absl::Status FlowToKeys() {
     const int count = window_.size();
-    const DenseFlowOptions far{.finest_scale = options_.flow_finest_scale,
-                               .patch_stride = 6,
-                               .descent_iterations = 5,
-                               .refinement_iterations = 0};
+    const DenseFlowOptions far = FlowToKeyOptions(options_.flow_finest_scale);
     const DenseFlowOptions near{.finest_scale = std::max(1, options_.flow_finest_scale)};
     for (int side = 0; side < 2; ++side) composed_[side].resize(count), refined_[side].resize(count);
-    RETURN_IF_ERROR(SideBySide(2, [&](int side) {
+    RETURN_IF_ERROR(stages_.SideBySide(2, [&](int side) {
       const int key = KeyInWindow(side);
       composed_[side][key] = Image<Flow2>(window_.color[key].width(), window_.color[key].height());
       for (int s = key + 1; s < count; ++s) composed_[side][s] = Compose(backward_[s - 1], composed_[side][s - 1]);
       for (int s = key - 1; s >= 0; --s) composed_[side][s] = Compose(forward_[s], composed_[side][s + 1]);
       return absl::OkStatus();
     }));
-    return SideBySide(2 * interval_.frame_count, [&](int i) -> absl::Status {
+    return stages_.SideBySide(2 * interval_.frame_count, [&](int i) -> absl::Status {
       const int side = i % 2, frame = FrameInWindow(i / 2), key = KeyInWindow(side);
       if (frame == key) {
         refined_[side][frame] = composed_[side][frame].Clone();
@@ -223,7 +185,7 @@ class IntervalRun {
     std::vector<Image<Flow2>> tracks[2];  // [side][frame of the window]: from the key
     const int count = window_.size();
     for (int side = 0; side < 2; ++side) tracks[side].resize(count);
-    RETURN_IF_ERROR(SideBySide(2, [&](int side) {
+    RETURN_IF_ERROR(stages_.SideBySide(2, [&](int side) {
       const int key = KeyInWindow(side);
       const auto& color = window_.color[key];
       tracks[side][key] = Image<Flow2>(color.width() / kDrawStep, color.height() / kDrawStep);
@@ -231,7 +193,7 @@ class IntervalRun {
       for (int s = key - 1; s >= 0; --s) tracks[side][s] = Compose(tracks[side][s + 1], backward_[s], kDrawStep);
       return absl::OkStatus();
     }));
-    return SideBySide(2 * interval_.frame_count, [&](int i) {
+    return stages_.SideBySide(2 * interval_.frame_count, [&](int i) {
       const int side = i % 2, frame = FrameInWindow(i / 2);
       drawn_[side][frame] = DrawnMotion(keys_[side], keys_[1 - side], tracks[side][frame],
                                         tracks[side][KeyInWindow(1 - side)], side == 0 ? Tau(frame) : 1 - Tau(frame));
@@ -270,7 +232,7 @@ class IntervalRun {
     fused_.resize(interval_.frame_count);
     choices_.resize(interval_.frame_count);
     const int inner = ThreadsPerFrame();
-    return SideBySide(interval_.frame_count, [&](int i) {
+    return stages_.SideBySide(interval_.frame_count, [&](int i) {
       const int frame = FrameInWindow(i);
       const auto& color = window_.color[frame];
       const MatchImage target(color);
@@ -312,7 +274,7 @@ class IntervalRun {
       return {};
     };
     const int inner = ThreadsPerFrame();
-    return SideBySide(interval_.frame_count, [&](int i) {
+    return stages_.SideBySide(interval_.frame_count, [&](int i) {
       const int frame = FrameInWindow(i);
       Image<Flow2> motions[2 * kWitnessFrames];
       std::vector<MedianWitness> witnesses;
@@ -327,19 +289,9 @@ class IntervalRun {
           motion = d == 1 ? step.Clone() : Compose(witnesses.back().motion, step);
           witnesses.push_back({voters, motion, std::pow(kWitnessWeight, static_cast<float>(d))});
         }
-      settled_[i] = Settled(i, witnesses, inner);
+      settled_[i] = MedianNearJumps(fused_[i], window_.color[frame], witnesses, options_.median_radius, noise_, inner);
       return absl::OkStatus();
     });
-  }
-
-  Image<float> Settled(int i, const std::vector<MedianWitness>& witnesses, int threads) const {
-    const Fused& fused = fused_[i];
-    if (options_.median_radius == 0) return fused.depth_m.Clone();
-    Image<uint8_t> mask = NearDepthJumps(fused.depth_m, options_.median_radius + 1, noise_, threads);
-    for (size_t p = 0; p < mask.pixel_count(); ++p)
-      if (fused.confirmed.data()[p]) mask.data()[p] = 0;
-    return WeightedMedian({fused.depth_m, fused.confidence, window_.color[FrameInWindow(i)]}, witnesses, mask,
-                          {.radius = options_.median_radius}, threads);
   }
 
   // What is left are pixels beside a jump; all frames of the interval together know better on which side they lie. Each
@@ -353,7 +305,7 @@ class IntervalRun {
         if (i >= 0 && i < interval_.frame_count) window[k].depth_m = settled_[i];
       }
       std::vector<Image<float>> decided(interval_.frame_count);
-      RETURN_IF_ERROR(SideBySide(interval_.frame_count, [&](int i) {
+      RETURN_IF_ERROR(stages_.SideBySide(interval_.frame_count, [&](int i) {
         const std::vector<SilhouettePixel> pixels = LookAtSilhouettes({.window = window,
                                                                        .target = FrameInWindow(i),
                                                                        .fused = &fused_[i],
@@ -375,21 +327,13 @@ class IntervalRun {
     DepthResult result{.color_index = interval_.first_frame + i, .depth_m = std::move(settled_[i])};
     result.sigma_m = PredictSigma(result.depth_m, fused_[i], noise_, context_.threads);
     result.provenance = fused_[i].provenance.Clone();
-    MarkMeasured(frame, result.provenance);
+    for (int side = 0; side < 2; ++side)
+      if (KeyInWindow(side) == frame) MarkMeasured(keys_[side], result.provenance);
     if (context_.want_motion && frame < static_cast<int>(forward_.size())) {
       result.motion_next = forward_[frame].Clone();
       result.motion_back = backward_[frame].Clone();
     }
     return result;
-  }
-
-  // A frame taken together with a key shows what the sensor saw.
-  void MarkMeasured(int frame, Image<Provenance>& provenance) const {
-    for (int side = 0; side < 2; ++side) {
-      if (KeyInWindow(side) != frame || keys_[side].toward >= 0) continue;
-      for (size_t p = 0; p < provenance.pixel_count(); ++p)
-        if (keys_[side].distance.data()[p] == 0) provenance.data()[p] = Provenance::kMeasured;
-    }
   }
 
   absl::Status Deliver(const FrameSink& sink) {
@@ -425,7 +369,7 @@ class IntervalRun {
   const PipelineOptions options_;
   const RunContext& context_;
   const DepthNoise noise_;
-  IntervalSummary summary_;
+  StageRunner stages_;
 
   Window window_;
   Image<float> measured_[2];

@@ -260,5 +260,25 @@ TEST(WeightedMedian, WitnessesOutvoteAnEdgeThatOneFrameGotWrong) {
   EXPECT_EQ(WeightedMedian({wrong, sure, grey}, witnesses, everywhere, {}, 1)(19, 15), 1.0F);
 }
 
+// Three voters in a row at distance 3 and three at distance 2: the nearer row weighs more, though the frame's own
+// window reaches neither.
+TEST(WeightedMedian, WitnessesMayLookFartherThanTheFrameItself) {
+  Image<float> unknown(21, 21, 0.0F), seen(21, 21, 0.0F);
+  for (int d = -1; d <= 1; ++d) seen(10 + d, 7) = 3.0F, seen(10 + d, 12) = 2.0F;
+  const Image<float> sure(21, 21, 1.0F);
+  const Image<Rgb8> grey(21, 21, Rgb8{90, 90, 90});
+  const Image<Flow2> still(21, 21);
+  const std::vector<MedianWitness> witnesses = {{{seen, sure, grey}, still, 1.0F}};
+  Image<uint8_t> mask(21, 21, uint8_t{0});
+  mask(10, 10) = 1;
+  const auto median = [&](int witness_radius) {
+    return WeightedMedian({unknown, sure, grey}, witnesses, mask, {.radius = 1, .witness_radius = witness_radius}, 1)(
+        10, 10);
+  };
+  EXPECT_EQ(median(3), 2.0F);
+  EXPECT_EQ(median(2), 2.0F);
+  EXPECT_EQ(median(1), 0.0F);
+}
+
 }  // namespace
 }  // namespace depthtween

@@ -5,8 +5,8 @@
 #include <random>
 
 #include "core/baselines/baselines.h"
-#include "core/synthetic/synthetic_sequence.h"
 #include "gtest/gtest.h"
+#include "tests/core/upsample/rendered_clip.h"
 
 namespace depthtween {
 namespace {
@@ -121,15 +121,13 @@ class Tampered : public FrameSource {
 // The promise itself: whatever comes later is replaced by noise, and what was answered before stays, to the bit. Depth
 // stamps that fall between colour frames included, and the noise of the sensor as the first key tells it.
 TEST(Causal, NothingLaterChangesAFrame) {
-  SyntheticOptions options{.scene = "kick", .frames = 22, .depth_phase_s = 0.0105, .width = 96, .height = 80};
-  const auto source = SyntheticSequence::Create(options, 2);
-  ASSERT_TRUE(source.ok()) << source.status();
-  const auto constants = EstimateClipConstants(**source, /*noise_of_first_key=*/true);
+  const RenderedClip clip({.scene = "kick", .frames = 22, .depth_phase_s = 0.0105, .width = 96, .height = 80});
+  const auto constants = EstimateClipConstants(clip.source(), /*noise_of_first_key=*/true);
   ASSERT_TRUE(constants.ok());
-  const auto results = RunAll(**source, *constants);
+  const auto results = RunAll(clip.source(), *constants);
   ASSERT_EQ(results.size(), 22U);
   for (const int last : {5, 11, 18}) {
-    const Tampered tampered(**source, last);
+    const Tampered tampered(clip.source(), last);
     const auto tampered_constants = EstimateClipConstants(tampered, /*noise_of_first_key=*/true);
     ASSERT_TRUE(tampered_constants.ok());
     const auto until = RunAll(tampered, *tampered_constants);
@@ -183,29 +181,13 @@ TEST(Causal, BeginsWithTheFirstKeyAndGoesOnAfterTheLast) {
 // On rendered scenes with a sensor's noise, whose truth is exact.
 TEST(Causal, BeatsHoldOnRenderedScenes) {
   for (const char* scene : {"kick", "bounce"}) {
-    const auto source = SyntheticSequence::Create({.scene = scene, .frames = 17, .width = 192, .height = 160}, 2);
-    ASSERT_TRUE(source.ok()) << source.status();
-    const auto constants = EstimateClipConstants(**source, /*noise_of_first_key=*/true);
+    const RenderedClip clip({.scene = scene, .frames = 17, .width = 192, .height = 160});
+    const auto constants = EstimateClipConstants(clip.source(), /*noise_of_first_key=*/true);
     ASSERT_TRUE(constants.ok());
-    const auto rmse = [&](const Upsampler& method) {
-      double sum = 0, count = 0;
-      for (const Interval& interval : PlanIntervals((*source)->sequence())) {
-        const auto summary = method.Run(**source, *constants, interval, {.threads = 2}, [&](DepthResult r) {
-          const Image<float> truth = (*source)->ColorView(r.color_index).Surface(2).depth_m;
-          for (size_t i = 0; i < truth.pixel_count(); ++i) {
-            if (truth.data()[i] <= 0 || r.depth_m.data()[i] <= 0) continue;
-            sum += std::pow(r.depth_m.data()[i] - truth.data()[i], 2);
-            ++count;
-          }
-          return absl::OkStatus();
-        });
-        EXPECT_TRUE(summary.ok()) << summary.status();
-      }
-      return std::sqrt(sum / count);
-    };
     const auto hold = MakeBaseline("hold");
     ASSERT_TRUE(hold.ok());
-    const double causal_rmse = rmse(*MakePipeline({.causal = true})), hold_rmse = rmse(**hold);
+    const double causal_rmse = RmseM(*MakePipeline({.causal = true}), clip, *constants, Unfilled::kIsLeftOut);
+    const double hold_rmse = RmseM(**hold, clip, *constants, Unfilled::kIsLeftOut);
     RecordProperty(std::string(scene) + "_ratio", std::to_string(causal_rmse / hold_rmse));
     EXPECT_LT(causal_rmse, 0.7 * hold_rmse) << scene;
   }

@@ -3,7 +3,6 @@
 #include <random>
 
 #include "core/baselines/baselines.h"
-#include "core/synthetic/synthetic_sequence.h"
 #include "core/upsample/choose.h"
 #include "core/upsample/fuse.h"
 #include "core/upsample/keys.h"
@@ -11,6 +10,7 @@
 #include "core/upsample/pipeline.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/core/upsample/rendered_clip.h"
 
 namespace depthtween {
 namespace {
@@ -301,36 +301,14 @@ TEST(PipelineOptions, ExplainWhatIsWrong) {
 
 // On a rendered scene with a sensor's noise, whose truth is exact: closer to it than every baseline.
 TEST(Pipeline, BeatsTheBaselinesOnARenderedScene) {
-  SyntheticOptions options;
-  options.scene = "bounce";
-  options.frames = 9;
-  options.width = 192;
-  options.height = 160;
-  auto source = SyntheticSequence::Create(options, 2);
-  ASSERT_TRUE(source.ok()) << source.status();
-  const auto constants = EstimateClipConstants(**source);
+  const RenderedClip clip({.scene = "bounce", .frames = 9, .width = 192, .height = 160});
+  const auto constants = EstimateClipConstants(clip.source());
   ASSERT_TRUE(constants.ok());
-  const auto rmse = [&](const Upsampler& method) {
-    double sum = 0, count = 0;
-    for (const Interval& interval : PlanIntervals((*source)->sequence())) {
-      const auto summary = method.Run(**source, *constants, interval, {.threads = 2}, [&](DepthResult r) {
-        const Image<float> truth = (*source)->ColorView(r.color_index).Surface(2).depth_m;
-        for (size_t i = 0; i < truth.pixel_count(); ++i) {
-          if (truth.data()[i] <= 0) continue;
-          sum += std::pow(r.depth_m.data()[i] - truth.data()[i], 2);
-          ++count;
-        }
-        return absl::OkStatus();
-      });
-      EXPECT_TRUE(summary.ok()) << summary.status();
-    }
-    return std::sqrt(sum / count);
-  };
-  const double ours = rmse(*MakePipeline());
+  const double ours = RmseM(*MakePipeline(), clip, *constants, Unfilled::kCountsAsError);
   for (const char* name : {"hold", "linear", "flow-warp"}) {
     const auto baseline = MakeBaseline(name);
     ASSERT_TRUE(baseline.ok());
-    EXPECT_LT(ours, 0.8 * rmse(**baseline)) << name;
+    EXPECT_LT(ours, 0.8 * RmseM(**baseline, clip, *constants, Unfilled::kCountsAsError)) << name;
   }
 }
 
