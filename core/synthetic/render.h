@@ -9,15 +9,12 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/base/float3.h"
 #include "core/base/image.h"
 #include "core/geometry/camera.h"
 #include "core/synthetic/scene.h"
 
 namespace depthtween {
-
-struct Float3 {
-  float x = 0.0F, y = 0.0F, z = 0.0F;
-};
 
 // What the sensor's active light finds besides depth.
 struct SurfaceTruth {
