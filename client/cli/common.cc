@@ -84,6 +84,13 @@ std::string StateName(v1::Sequence::State state) {
   return std::string(absl::StripPrefix(v1::Sequence::State_Name(state), "STATE_"));
 }
 
+std::string Printable(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
+  return text;
+}
+
 std::string FormatBytes(int64_t bytes) {
   constexpr const char* kUnits[] = {"kB", "MB", "GB", "TB"};
   if (bytes < 1000) return absl::StrCat(bytes, " B");

@@ -44,6 +44,9 @@ void PrintJson(const nlohmann::json& json);
 std::string StateName(v1::Job::State state);
 std::string StateName(v1::Sequence::State state);
 
+// Text from the server without the control characters that it may hold: they must not reach the terminal.
+std::string Printable(std::string text);
+
 // "17 B", "1.4 MB": powers of 1000.
 std::string FormatBytes(int64_t bytes);
 // "0:07", "1:02:03".

@@ -2,6 +2,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "client/cli/common.h"
 #include "client/cli/progress_line.h"
 #include "client/lib/jobs.h"
@@ -34,9 +35,42 @@ std::string DescribeProgress(const v1::Job& job) {
   return text;
 }
 
+namespace {
+
+std::string Millimetres(double value) { return absl::StrFormat("%.1f", value); }
+
+// As `depthtween-core upsample --self-check` prints it.
+std::string DescribeSelfCheck(const v1::SelfCheck& check) {
+  std::string text = Printable(check.summary()) + "\n";
+  if (!check.reason().empty()) return text;
+  absl::StrAppendFormat(&text, "\n%-10s  %8s  %8s  %10s  %9s  %8s   (%d of %d held-out depth maps)\n", "self-check",
+                        "RMSE mm", "MAE mm", "edge band", "complete", "<1 sigma", check.maps_checked(),
+                        check.maps_held_out());
+  for (const v1::SelfCheck::Method& method : check.methods()) {
+    absl::StrAppendFormat(
+        &text, "%-10s  %8s  %8s  %10s  %7.1f %%  %8s\n", Printable(method.name()), Millimetres(method.rmse_mm()),
+        Millimetres(method.mae_mm()), method.has_edge_band_rmse_mm() ? Millimetres(method.edge_band_rmse_mm()) : "-",
+        100 * method.completeness(),
+        method.has_within_one_sigma() ? absl::StrFormat("%.1f %%", 100 * method.within_one_sigma()) : "-");
+  }
+  absl::StrAppend(&text, "worst frames:");
+  for (const v1::SelfCheck::Frame& frame : check.worst_frames()) {
+    absl::StrAppendFormat(&text, " %s (%s mm)", Printable(frame.stem()), Millimetres(frame.rmse_mm()));
+  }
+  return text + "\n";
+}
+
+}  // namespace
+
+std::string DescribeMeasured(const v1::Job& job) {
+  return job.has_self_check() ? DescribeSelfCheck(job.self_check()) : std::string();
+}
+
 absl::StatusOr<v1::Job> WatchWithProgressLine(client::Connection& connection, const std::string& name) {
   ProgressLine line(name);
+  std::string said;
   return client::WatchJob(connection, name, [&](const v1::JobEvent&, const v1::Job& job) {
+    if (const std::string measured = DescribeMeasured(job); measured != said) line.Say(said = measured);
     line.Show(job.progress().fraction(), DescribeProgress(job));
   });
 }

@@ -21,14 +21,6 @@ struct ListOptions {
   int limit = 50;
 };
 
-// Control characters that a name on the server may hold must not reach the terminal.
-std::string Printable(std::string text) {
-  for (char& c : text) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
-  }
-  return text;
-}
-
 void PrintRow(const std::string& name, const std::string& state, const google::protobuf::Timestamp& created,
               const std::string& facts, const std::string& display_name) {
   std::cout << absl::StrFormat("%-26s  %-10s  %-20s  %-44s  %s\n", name, state,

@@ -54,6 +54,12 @@ void ProgressLine::Show(double fraction, const std::string& facts) {
   if (Clock::now() - last_drawn_ >= pause) Draw();
 }
 
+void ProgressLine::Say(const std::string& text) {
+  if (terminal_ && drawn_) std::cerr << "\r\x1b[K";
+  std::cerr << text << std::flush;
+  if (terminal_ && drawn_) Draw();
+}
+
 void ProgressLine::Draw() {
   if (terminal_) {
     // One column less than there are: a full line would make some terminals wrap.

@@ -22,6 +22,8 @@ class ProgressLine {
 
   // `fraction` from 0 to 1. May be called as often as one likes: it draws only as often as an eye can follow.
   void Show(double fraction, const std::string& facts);
+  // Prints lines above this one, at once. `text` ends with a newline.
+  void Say(const std::string& text);
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -42,7 +42,7 @@ int Status(const StatusOptions& options) {
   if (options.common.json) {
     PrintJson(ToJson(*job));
   } else {
-    std::cout << job->name() << ": " << DescribeProgress(*job) << std::endl;
+    std::cout << job->name() << ": " << DescribeProgress(*job) << "\n" << DescribeMeasured(*job) << std::flush;
   }
   return kExitOk;
 }

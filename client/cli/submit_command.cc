@@ -42,6 +42,7 @@ struct SubmitOptions {
   int threads = 0;
   std::string preset = "balanced";
   std::vector<std::string> without;
+  bool self_check = false;
   RenderFlags renders;
   v1::RenderOptions::Container container = v1::RenderOptions::CONTAINER_UNSPECIFIED;
 };
@@ -161,6 +162,7 @@ int Submit(const SubmitOptions& options, SubmitResult& result) {
   order.mutable_options()->set_threads(options.threads);
   order.mutable_options()->set_preset(kPresets.at(options.preset));
   order.mutable_options()->mutable_without()->Assign(options.without.begin(), options.without.end());
+  order.mutable_options()->set_self_check(options.self_check);
   for (const v1::RenderOptions& render : *renders) *order.add_renders() = render;
   absl::StatusOr<v1::Job> job = client::SubmitJob(**connection, order);
   if (!job.ok()) return Report(job.status());
@@ -214,9 +216,12 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option("--without", options->without,
                    "Leave stages of method ours out, to learn what each is worth: settle, draw, propagation, median, "
-                   "witnesses; names with commas between them")
+                   "witnesses, silhouettes; names with commas between them")
       ->delimiter(',')
       ->type_name("NAMES");
+  command->add_flag("--self-check", options->self_check,
+                    "First hold out every second depth frame and report how far ours, flow-warp, linear and hold are "
+                    "from it on this recording; costs at most what 24 intervals cost");
   AddRenderFlags(*command, options->renders);
   command
       ->add_option_function<std::string>(

@@ -21,6 +21,7 @@ void Apply(const v1::JobEvent& event, v1::Job& job) {
       job.clear_error();
       if (event.state_change().has_error()) *job.mutable_error() = event.state_change().error();
       *job.mutable_progress() = event.state_change().progress();
+      if (event.state_change().has_self_check()) *job.mutable_self_check() = event.state_change().self_check();
       break;
     case v1::JobEvent::kProgress:
       *job.mutable_progress() = event.progress();
@@ -59,7 +60,14 @@ absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job) {
   Sha256 id;
   id.Add(absl::StrCat(job.sequence(), "\n", job.display_name(), "\n", job.options().method(), "\n",
                       job.options().key_every(), "\n", job.options().threads()));
-  // Jobs without renders keep the id they had before there were any.
+  // Jobs without what came later keep the id they had before.
+  const v1::UpsampleOptions& options = job.options();
+  if (options.preset() != v1::UpsampleOptions::PRESET_UNSPECIFIED &&
+      options.preset() != v1::UpsampleOptions::PRESET_BALANCED) {
+    id.Add(absl::StrCat("\npreset ", options.preset()));
+  }
+  for (const std::string& part : options.without()) id.Add("\nwithout " + part);
+  if (options.self_check()) id.Add("\nself_check");
   for (const v1::RenderOptions& render : job.renders()) id.Add("\n" + render.SerializeAsString());
   if (!job.depth_from().empty()) id.Add("\n" + job.depth_from());
   create.set_request_id(Hex(id.Finish()));

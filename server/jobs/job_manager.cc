@@ -430,6 +430,8 @@ absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome
   switch (task.kind) {
     case TaskKind::kValidate:
       return store_.FinishValidation(task.number, *outcome.validation);
+    case TaskKind::kSelfCheck:
+      return store_.FinishSelfCheck(task.number, *outcome.self_check);
     case TaskKind::kPrepare:
       return store_.FinishPrepare(task.number, *outcome.plan);
     case TaskKind::kIntervals:
@@ -451,10 +453,15 @@ void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::st
     recorded = RecordOutcome(task, outcome);
   }
   if (!recorded.ok() || task.job_id.empty()) return;
-  // A job that still runs has its plan now, or one task less.
+  // What a task that runs alone said last is over with it.
+  if (const auto live = live_.find(task.job_id); task.kind == TaskKind::kSelfCheck && live != live_.end()) {
+    live->second.stage.clear();
+  }
+  // A job that still runs has its self-check now, or its plan, or one task less.
   const absl::StatusOr<JobRecord> job = store_.GetJob(task.job_id);
-  const bool runs = job.ok() && job->state == JobState::kRunning;
-  const absl::StatusOr<JobView> view = Publish(task.job_id, runs ? JobEvent::Kind::kProgress : JobEvent::Kind::kState);
+  const bool progressed = job.ok() && job->state == JobState::kRunning && task.kind != TaskKind::kSelfCheck;
+  const absl::StatusOr<JobView> view =
+      Publish(task.job_id, progressed ? JobEvent::Kind::kProgress : JobEvent::Kind::kState);
   if (view.ok() && HasEnded(view->record.state)) StopTasksOf(task.job_id);
 }
 

@@ -1,9 +1,9 @@
 // Runs jobs: claims tasks from the store, runs each in a child process, records what is finished, and tells who
 // watches.
 //
-// Life of a job: prepare (how the clip is cut, and its constants) -> batches of intervals on all workers, computed, and
-// rendered as soon as the frames around them are there -> assemble.
-// An interval's frames are moved into the job's out folder, made durable and recorded, in this order, as soon as it is
+// Life of a job: self-check, if it was asked for -> prepare (how the clip is cut, and its constants) -> batches of
+// intervals on all workers, computed, and rendered as soon as the frames around them are there -> assemble. An
+// interval's frames are moved into the job's out folder, made durable and recorded, in this order, as soon as it is
 // done: after kill -9 nothing recorded is computed again, and nothing half-written is ever seen.
 // What somebody waits for - the check of a job's renders, a single rendered frame - runs beside the workers.
 // Each attempt at a task writes to a folder of its own, so a child that lives too long harms nothing.

@@ -23,7 +23,7 @@ struct Eta {
 };
 
 struct Progress {
-  // "queued", "prepare", a stage of the pipeline, "render", "assemble", "cancelling", or the final state
+  // "queued", "self-check", "prepare", a stage of the pipeline, "render", "assemble", "cancelling", or the final state
   std::string stage;
   int intervals_done = 0;
   int intervals_total = 0;

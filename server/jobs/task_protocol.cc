@@ -7,6 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "nlohmann/json.hpp"
 #include "server/store/error_info.h"
+#include "server/store/records_json.h"
 
 namespace depthtween::server {
 namespace {
@@ -106,7 +107,7 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
   };
   if (task.kind == TaskKind::kValidate) return command;
   add("--options", paths.options);
-  add("--constants", paths.constants);
+  if (task.kind != TaskKind::kSelfCheck) add("--constants", paths.constants);
   if (task.kind == TaskKind::kIntervals || task.kind == TaskKind::kRender) {
     add("--first", absl::StrCat(task.first_interval));
     add("--count", absl::StrCat(task.interval_count));
@@ -116,13 +117,16 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
     add("--result", paths.result);
   }
   if (task.kind != TaskKind::kPrepare) add("--out", paths.out);
+  if (!paths.self_check.empty()) add("--self-check", paths.self_check);
   return command;
 }
 
 std::string OptionsJson(const UpsampleOptions& options, const std::vector<RenderRecord>& renders) {
   json value = {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
-  // The other methods have neither.
-  if (options.method == "ours") value["preset"] = options.preset, value["without"] = options.without;
+  // The other methods have none of these.
+  if (options.method == "ours") {
+    value.update({{"preset", options.preset}, {"without", options.without}, {"self_check", options.self_check}});
+  }
   if (!renders.empty()) {
     value["keep_motion"] =
         std::any_of(renders.begin(), renders.end(), [](const RenderRecord& render) { return render.uses_motion; });
@@ -196,6 +200,23 @@ absl::StatusOr<ValidationResult> ParseValidation(std::string_view text) {
     if (value.at("ok").get<bool>()) result.recording = ToRecording(value);
     return result;
   });
+}
+
+absl::StatusOr<SelfCheck> ParseSelfCheck(const std::string& text) {
+  constexpr size_t kMaxListed = 100, kMaxText = 2000;
+  const absl::StatusOr<SelfCheck> check = SelfCheckFromJson(text);
+  if (!check.ok()) return Disagreement(std::string(check.status().message()));
+  bool plain = check->summary.size() <= kMaxText && check->reason.size() <= kMaxText && check->maps_checked >= 0 &&
+               check->maps_held_out >= check->maps_checked && check->methods.size() <= kMaxListed &&
+               check->worst_frames.size() <= kMaxListed && (check->reason.empty() != check->methods.empty());
+  const auto is_share = [](double share) { return share >= 0.0 && share <= 1.0; };
+  for (const SelfCheck::Method& method : check->methods) {
+    plain = plain && method.name.size() <= kMaxText && is_share(method.completeness) &&
+            is_share(method.within_one_sigma.value_or(0.0));
+  }
+  for (const SelfCheck::Frame& frame : check->worst_frames) plain = plain && IsPlainName(frame.stem);
+  if (!plain) return Disagreement("a self-check that cannot be");
+  return *check;
 }
 
 absl::StatusOr<JobPlan> ParsePlan(std::string_view text) {

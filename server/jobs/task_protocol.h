@@ -18,8 +18,10 @@ struct TaskPaths {
   std::string sequence;   // folder
   std::string options;    // file
   std::string constants;  // file: written by prepare, read by the others
-  std::string out;        // folder
+  std::string out;        // folder; of self-check: file
   std::string result;     // folder with finished frames, to render from
+  // File that self-check wrote, for the report of assemble; empty if there was none.
+  std::string self_check;
 };
 // `render` names the render of a render task.
 std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, std::string_view render = {});
@@ -52,6 +54,8 @@ absl::StatusOr<ValidationResult> ParseValidation(std::string_view json);
 // What `prepare` wrote. Internal if it is not what we agreed on: intervals and frames must be numbered from 0, every
 // frame in exactly one interval, stems plain file names and different.
 absl::StatusOr<JobPlan> ParsePlan(std::string_view json);
+// What `self-check` wrote. Internal if it is not what we agreed on: few methods and frames, shares between 0 and 1.
+absl::StatusOr<SelfCheck> ParseSelfCheck(const std::string& json);
 // What `plan-renders` answered about renders with these options. Internal if it is not what we agreed on: as many
 // plans, names and outputs plain and different.
 absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view json, std::vector<RenderRecord> renders);

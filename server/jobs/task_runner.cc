@@ -9,6 +9,7 @@
 #include "absl/strings/strip.h"
 #include "server/jobs/child_process.h"
 #include "server/jobs/files.h"
+#include "server/store/records_json.h"
 
 namespace depthtween::server {
 namespace {
@@ -176,6 +177,13 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
   if (cut) paths.out = folder;
   if (task.kind == TaskKind::kRender) paths.result = directory_.OutFolder(task.job_id);
   if (task.kind == TaskKind::kAssemble) paths.out = directory_.OutFolder(task.job_id);
+  if (task.kind == TaskKind::kSelfCheck) paths.out = folder + "/self_check.json";
+  if (task.kind == TaskKind::kAssemble && job.self_check) {
+    paths.self_check = folder + "/self_check.json";
+    if (const absl::Status written = WriteScratchFile(paths.self_check, ToJson(*job.self_check)); !written.ok()) {
+      return failed(written);
+    }
+  }
 
   std::vector<PlannedInterval> intervals;
   if (cut) {
@@ -228,6 +236,14 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
       if (!result.ok()) return failed(result.status());
       LimitViolations(*result);
       outcome.validation = *std::move(result);
+      return outcome;
+    }
+    case TaskKind::kSelfCheck: {
+      const absl::StatusOr<std::string> answer = ReadWholeFile(paths.out, kMaxAnswerBytes);
+      if (!answer.ok()) return failed(answer.status());
+      absl::StatusOr<SelfCheck> check = ParseSelfCheck(*answer);
+      if (!check.ok()) return failed(check.status());
+      outcome.self_check = *std::move(check);
       return outcome;
     }
     case TaskKind::kPrepare: {

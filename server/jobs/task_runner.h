@@ -21,6 +21,7 @@ struct TaskOutcome {
   bool stopped = false;                        // because it was told to stop: nobody's fault
   bool retry = false;                          // the error may go away by itself
   std::optional<ValidationResult> validation;  // of a validate task that ended well
+  std::optional<SelfCheck> self_check;         // of a self-check task that ended well
   std::optional<JobPlan> plan;                 // of a prepare task that ended well
 };
 

@@ -137,6 +137,38 @@ v1::UpsampleOptions Encode(const UpsampleOptions& options) {
     if (options.preset == name) message.set_preset(preset);
   }
   message.mutable_without()->Assign(options.without.begin(), options.without.end());
+  message.set_self_check(options.self_check);
+  return message;
+}
+
+v1::SelfCheck Encode(const SelfCheck& check) {
+  v1::SelfCheck message;
+  message.set_summary(check.summary);
+  message.set_reason(check.reason);
+  message.set_maps_checked(check.maps_checked);
+  message.set_maps_held_out(check.maps_held_out);
+  message.set_pixels(check.pixels);
+  for (const SelfCheck::Method& method : check.methods) {
+    v1::SelfCheck::Method* added = message.add_methods();
+    added->set_name(method.name);
+    added->set_rmse_mm(method.rmse_mm);
+    added->set_mae_mm(method.mae_mm);
+    if (method.edge_band_rmse_mm) added->set_edge_band_rmse_mm(*method.edge_band_rmse_mm);
+    added->set_completeness(method.completeness);
+    if (method.within_one_sigma) added->set_within_one_sigma(*method.within_one_sigma);
+  }
+  for (const SelfCheck::Frame& frame : check.worst_frames) {
+    v1::SelfCheck::Frame* added = message.add_worst_frames();
+    added->set_frame(frame.frame);
+    added->set_stem(frame.stem);
+    added->set_time_ns(frame.time_ns);
+    added->set_rmse_mm(frame.rmse_mm);
+  }
+  if (check.sensor_floor) {
+    message.set_sensor_floor_rmse_mm(check.sensor_floor->rmse_mm);
+    message.set_sensor_floor_mae_mm(check.sensor_floor->mae_mm);
+  }
+  message.set_seconds(check.seconds);
   return message;
 }
 
@@ -256,6 +288,7 @@ absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
   }
   result.preset = preset->second;
   result.without.assign(options.without().begin(), options.without().end());
+  result.self_check = options.self_check();
   return result;
 }
 
@@ -384,6 +417,7 @@ v1::Job Encode(const JobView& job) {
   if (!record.id.empty()) *message.mutable_create_time() = Encode(record.create_time);
   if (record.start_time != absl::InfiniteFuture()) *message.mutable_start_time() = Encode(record.start_time);
   if (record.end_time != absl::InfiniteFuture()) *message.mutable_end_time() = Encode(record.end_time);
+  if (record.self_check) *message.mutable_self_check() = Encode(*record.self_check);
   return message;
 }
 
@@ -402,6 +436,7 @@ v1::JobEvent Encode(const JobEvent& event) {
       change->set_attempt(job.attempt());
       if (job.has_error()) change->mutable_error()->Swap(job.mutable_error());
       change->mutable_progress()->Swap(job.mutable_progress());
+      if (job.has_self_check()) change->mutable_self_check()->Swap(job.mutable_self_check());
       break;
     }
     case JobEvent::Kind::kProgress:

@@ -52,6 +52,8 @@ std::string_view ToString(TaskKind kind) {
       return "assemble";
     case TaskKind::kRender:
       return "render";
+    case TaskKind::kSelfCheck:
+      return "self-check";
   }
   return "unknown";
 }
@@ -82,10 +84,12 @@ absl::Status UpsampleOptions::Validate() const {
   RETURN_IF_ERROR(check("method", method, methods));
   RETURN_IF_ERROR(check("preset", preset, presets));
   for (const std::string& part : without) RETURN_IF_ERROR(check("without", part, parts));
-  if (method != "ours" && preset != UpsampleOptions().preset)
-    return bad("preset", absl::StrCat("is for method \"ours\" alone, and the method is \"", method, "\""));
-  if (method != "ours" && !without.empty())
-    return bad("without", absl::StrCat("is for method \"ours\" alone, and the method is \"", method, "\""));
+  const auto only_ours = [&](const char* field) {
+    return bad(field, absl::StrCat("is for method \"ours\" alone, and the method is \"", method, "\""));
+  };
+  if (method != "ours" && preset != UpsampleOptions().preset) return only_ours("preset");
+  if (method != "ours" && !without.empty()) return only_ours("without");
+  if (method != "ours" && self_check) return only_ours("self_check");
   if (key_every < 1) return bad("key_every", absl::StrCat("= ", key_every, ", must be >= 1"));
   if (threads < 0 || threads > kMaxThreads) {
     return bad("threads", absl::StrCat("= ", threads, ", must be 0 (the server decides) to ", kMaxThreads));

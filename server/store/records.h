@@ -97,9 +97,41 @@ struct UpsampleOptions {
   // Of method "ours" alone.
   std::string preset = "balanced";   // fast, balanced, best
   std::vector<std::string> without;  // stages left out, as depthtween-core names them
+  bool self_check = false;           // measure first how good it is: see SelfCheck
 
   // InvalidArgument with field, value and rule.
   absl::Status Validate() const;
+};
+
+// How far the result of an upsampling will be from depth that was measured and held out, as depthtween-core found it.
+struct SelfCheck {
+  struct Method {
+    std::string name;
+    double rmse_mm = 0.0, mae_mm = 0.0;
+    std::optional<double> edge_band_rmse_mm;  // none where no depth edge was
+    double completeness = 0.0;                // share of known pixels filled, [0,1]
+    std::optional<double> within_one_sigma;   // share of errors below the predicted deviation
+  };
+  struct Frame {
+    int frame = 0;
+    std::string stem;
+    int64_t time_ns = 0;
+    double rmse_mm = 0.0;
+  };
+  // What consecutive depth maps differ by where nothing moves.
+  struct Floor {
+    double rmse_mm = 0.0, mae_mm = 0.0;
+  };
+
+  std::string summary;  // in one sentence
+  std::string reason;   // why nothing could be measured; empty if it was, and only then is the rest set
+  int maps_checked = 0;
+  int maps_held_out = 0;  // that could have been
+  int64_t pixels = 0;
+  std::vector<Method> methods;      // the job's own first
+  std::vector<Frame> worst_frames;  // the worst first
+  std::optional<Floor> sensor_floor;
+  double seconds = 0.0;  // wall time of the check
 };
 
 // A product that a job renders of every frame, as depthtween-core planned it from the options.
@@ -143,8 +175,9 @@ struct JobRecord {
   int intervals_total = 0;  // 0 before `prepare` has counted
   int frames_done = 0;      // stored and recorded
   int frames_total = 0;
-  double interval_seconds = 0.0;      // wall seconds, summed over the intervals done
-  std::optional<int> queue_position;  // jobs ahead, while kQueued
+  double interval_seconds = 0.0;        // wall seconds, summed over the intervals done
+  std::optional<int> queue_position;    // jobs ahead, while kQueued
+  std::optional<SelfCheck> self_check;  // once it was measured, if options.self_check
 
   // Over all renders.
   int RenderedFramesDone() const;
@@ -182,7 +215,7 @@ struct FrameRecord {
   bool ready = false;  // its interval is done, or that part of its render: its files are durable and may be read
 };
 
-enum class TaskKind { kValidate = 1, kPrepare = 2, kIntervals = 3, kAssemble = 4, kRender = 5 };
+enum class TaskKind { kValidate = 1, kPrepare = 2, kIntervals = 3, kAssemble = 4, kRender = 5, kSelfCheck = 6 };
 
 // "validate" and so on: the argument of `depthtween-core task`.
 std::string_view ToString(TaskKind kind);

@@ -13,11 +13,14 @@ std::string ToJson(const Recording& recording);
 std::string ToJson(const ValidationResult& result);
 // Without what is done: that is counted elsewhere.
 std::string ToJson(const RenderRecord& render);
+// As `depthtween-core task self-check` writes it.
+std::string ToJson(const SelfCheck& check);
 
 // DataLoss for text that the functions above did not write.
 absl::StatusOr<Recording> RecordingFromJson(const std::string& text);
 absl::StatusOr<ValidationResult> ValidationResultFromJson(const std::string& text);
 absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text);
+absl::StatusOr<SelfCheck> SelfCheckFromJson(const std::string& text);
 
 }  // namespace depthtween::server
 

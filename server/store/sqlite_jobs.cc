@@ -16,7 +16,7 @@ constexpr char kJobColumns[] =
     "SELECT id, number, display_name, sequence_id, method, key_every, threads, recording, state, attempt, error_code, "
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, "
-    "interval_seconds, depth_from, preset, without, "
+    "interval_seconds, depth_from, preset, without, self_check, self_check_result, "
     "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
@@ -32,7 +32,8 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                                .key_every = row.Int(5),
                                .threads = row.Int(6),
                                .preset = row.Text(21),
-                               .without = absl::StrSplit(row.Text(22), ',', absl::SkipEmpty())},
+                               .without = absl::StrSplit(row.Text(22), ',', absl::SkipEmpty()),
+                               .self_check = row.Int(23) != 0},
                    .depth_from = row.Text(20),
                    .state = static_cast<JobState>(row.Int(8)),
                    .attempt = row.Int(9),
@@ -45,8 +46,11 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(23);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(25);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
+  if (!row.IsNull(24)) {
+    ASSIGN_OR_RETURN(job.self_check, SelfCheckFromJson(row.Text(24)));
+  }
   return job;
 }
 
@@ -57,6 +61,7 @@ std::string Fingerprint(const NewJob& job) {
   // Jobs without what came later keep the fingerprint they had before.
   if (job.options.preset != UpsampleOptions().preset) hash.Update("\npreset " + job.options.preset);
   for (const std::string& part : job.options.without) hash.Update("\nwithout " + part);
+  if (job.options.self_check) hash.Update("\nself_check");
   if (!job.depth_from.empty()) hash.Update(absl::StrCat("\ndepth_from ", job.depth_from));
   for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
   return Hex(hash.Finish());
@@ -93,13 +98,13 @@ absl::Status SqliteStore::ReadRenders(JobRecord& job) {
   return damage;
 }
 
-absl::Status SqliteStore::CheckDepthFrom(const NewJob& job) {
+absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
   if (job.renders.empty()) {
     return BadField("job.depth_from",
                     "job.depth_from takes depth over to render from it, and this job has no renders: name some");
   }
   ASSIGN_OR_RETURN(const int64_t number, JobNumber(job.depth_from));
-  ASSIGN_OR_RETURN(const JobRecord from, ReadJob(number));
+  ASSIGN_OR_RETURN(JobRecord from, ReadJob(number));
   const std::string name = "jobs/" + job.depth_from;
   if (from.state != JobState::kSucceeded) {
     return WrongState(ToString(from.state), absl::StrCat(name, " is ", std::string(ToString(from.state)),
@@ -110,9 +115,10 @@ absl::Status SqliteStore::CheckDepthFrom(const NewJob& job) {
       from.options.without != job.options.without) {
     return BadField("job.depth_from",
                     absl::StrCat("job.depth_from = ", name,
-                                 ", must have the sequence of this job and all of its options but threads"));
+                                 ", must have the sequence of this job and all of its options but threads and "
+                                 "self_check"));
   }
-  return absl::OkStatus();
+  return from;
 }
 
 absl::Status SqliteStore::EndJob(int64_t number, JobState state, const absl::Status& error) {
@@ -137,7 +143,11 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
                         absl::StrCat("sequences/", job.sequence_id, " is ", std::string(ToString(sequence.state)),
                                      ", must be READY before a job can use it"));
     }
-    if (!job.depth_from.empty()) RETURN_IF_ERROR(CheckDepthFrom(job));
+    std::optional<SelfCheck> self_check;
+    if (!job.depth_from.empty()) {
+      ASSIGN_OR_RETURN(JobRecord from, FindDepthFrom(job));
+      if (job.options.self_check) self_check = std::move(from.self_check);
+    }
     ASSIGN_OR_RETURN(const std::optional<int64_t> queued,
                      database_->Number("SELECT count(*) FROM jobs WHERE state = 1"));
     if (*queued >= limits_.max_queued_jobs) {
@@ -160,19 +170,21 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
-        "create_time_us, depth_from, preset, without) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "create_time_us, depth_from, preset, without, self_check, self_check_result) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
          job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
-         job.options.preset, absl::StrJoin(job.options.without, ",")}));
+         job.options.preset, absl::StrJoin(job.options.without, ","), job.options.self_check,
+         self_check ? SqlValue(ToJson(*self_check)) : nullptr}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(
           database_->Run("INSERT INTO renders (job, idx, plan) VALUES (?, ?, ?)", {number, i, ToJson(job.renders[i])}));
     }
-    RETURN_IF_ERROR(AddTask(TaskKind::kPrepare, number, /*failures=*/0));
     RETURN_IF_ERROR(RememberRequest(kJobScope, request_id, fingerprint, id));
-    return ReadJob(number);
+    ASSIGN_OR_RETURN(JobRecord made_now, ReadJob(number));
+    RETURN_IF_ERROR(AddFirstTask(made_now));
+    return made_now;
   });
 }
 
@@ -263,7 +275,7 @@ absl::StatusOr<JobRecord> SqliteStore::RetryJob(std::string_view id) {
     RETURN_IF_ERROR(database_->Run("UPDATE intervals SET failures = 0 WHERE job = ? AND failures > 0", {number}));
     RETURN_IF_ERROR(database_->Run("UPDATE render_parts SET failures = 0 WHERE job = ? AND failures > 0", {number}));
     if (job.intervals_total == 0) {
-      RETURN_IF_ERROR(AddTask(TaskKind::kPrepare, number, /*failures=*/0));
+      RETURN_IF_ERROR(AddFirstTask(job));
     } else if (job.IsComputed()) {
       RETURN_IF_ERROR(AddTask(TaskKind::kAssemble, number, /*failures=*/0));
     }

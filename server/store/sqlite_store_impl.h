@@ -46,6 +46,7 @@ class SqliteStore : public Store {
 
   absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) override;
   absl::Status FinishValidation(int64_t task, const ValidationResult& result) override;
+  absl::Status FinishSelfCheck(int64_t task, const SelfCheck& check) override;
   absl::Status FinishPrepare(int64_t task, const JobPlan& plan) override;
   absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) override;
   absl::Status CompleteTask(int64_t task) override;
@@ -90,11 +91,13 @@ class SqliteStore : public Store {
   absl::StatusOr<int64_t> JobNumber(std::string_view id);
   absl::StatusOr<JobRecord> ReadJob(int64_t number);
   absl::Status ReadRenders(JobRecord& job);
-  // FailedPrecondition or InvalidArgument unless job.depth_from can give what `job` asks for.
-  absl::Status CheckDepthFrom(const NewJob& job);
+  // The job that job.depth_from names. FailedPrecondition or InvalidArgument unless it can give what `job` asks for.
+  absl::StatusOr<JobRecord> FindDepthFrom(const NewJob& job);
   absl::Status EndJob(int64_t number, JobState state, const absl::Status& error);
 
   absl::Status AddTask(TaskKind kind, int64_t owner, int failures);
+  // What a job without a plan does first.
+  absl::Status AddFirstTask(const JobRecord& job);
   // Makes a task of up to `wanted` contiguous intervals of what comes first, and claims them for it. Its number.
   absl::StatusOr<int64_t> TakeIntervals(int64_t job, int wanted);
   absl::StatusOr<int64_t> TakeRenderParts(int64_t job, int wanted);

@@ -41,6 +41,11 @@ absl::Status SqliteStore::AddTask(TaskKind kind, int64_t owner, int failures) {
                         {kind, validate ? SqlValue(owner) : nullptr, validate ? nullptr : SqlValue(owner), failures});
 }
 
+absl::Status SqliteStore::AddFirstTask(const JobRecord& job) {
+  const bool check = job.options.self_check && !job.self_check.has_value();
+  return AddTask(check ? TaskKind::kSelfCheck : TaskKind::kPrepare, job.number, /*failures=*/0);
+}
+
 absl::StatusOr<SqliteStore::TaskRow> SqliteStore::RunningTask(int64_t number) {
   std::optional<TaskRow> task;
   RETURN_IF_ERROR(
@@ -163,6 +168,17 @@ absl::StatusOr<int64_t> SqliteStore::TakeRenderParts(int64_t job, int wanted) {
       database_->Run("UPDATE render_parts SET task = ? WHERE job = ? AND render = ? AND interval >= ? AND interval < ?",
                      {number, job, render, first, first + count}));
   return number;
+}
+
+absl::Status SqliteStore::FinishSelfCheck(int64_t task, const SelfCheck& check) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
+    RETURN_IF_ERROR(database_->Run("UPDATE jobs SET self_check_result = ? WHERE number = ?", {ToJson(check), row.job}));
+    RETURN_IF_ERROR(RemoveTask(task));
+    ASSIGN_OR_RETURN(const JobRecord job, ReadJob(row.job));
+    if (job.state == JobState::kRunning) RETURN_IF_ERROR(AddFirstTask(job));
+    return SettleJob(row.job);
+  });
 }
 
 absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {

@@ -76,7 +76,8 @@ class Store {
 
   // ---- jobs ----
   // FailedPrecondition unless the sequence is kReady, or when job.depth_from has no depth to give; InvalidArgument when
-  // that is another depth; ResourceExhausted (LIMIT_EXCEEDED) when the queue is full.
+  // that is another depth; ResourceExhausted (LIMIT_EXCEEDED) when the queue is full. The self-check of depth_from, if
+  // there is one, counts for this job too when it asks for one.
   // With `validate_only` nothing is made and the record has no id.
   virtual absl::StatusOr<JobRecord> CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) = 0;
   virtual absl::StatusOr<JobRecord> GetJob(std::string_view id) = 0;
@@ -87,8 +88,8 @@ class Store {
   // kQueued -> kCancelled, kRunning -> kCancelling (kCancelled when no task of it is running). No task of it starts any
   // more. Repeating it changes nothing; FailedPrecondition if it ended otherwise.
   virtual absl::StatusOr<JobRecord> CancelJob(std::string_view id) = 0;
-  // kFailed | kCancelled -> kQueued, keeping finished intervals. FailedPrecondition otherwise, or if the sequence is
-  // gone.
+  // kFailed | kCancelled -> kQueued, keeping finished intervals and the self-check. FailedPrecondition otherwise, or if
+  // the sequence is gone.
   virtual absl::StatusOr<JobRecord> RetryJob(std::string_view id) = 0;
   // Intervals [first, first + count) of its plan; none before `prepare`.
   virtual absl::StatusOr<std::vector<PlannedInterval>> JobIntervals(std::string_view id, int first, int count) = 0;
@@ -98,7 +99,8 @@ class Store {
                                                              int render = -1) = 0;
 
   // ---- work ----
-  // Grammar for one task:  ClaimTask (FinishInterval* | RecordPlan) (CompleteTask | FailTask | ReleaseTask)
+  // Grammar for one task:  ClaimTask (FinishValidation | FinishSelfCheck | FinishPrepare | FailTask | ReleaseTask)
+  //                     |  ClaimTask FinishInterval* (CompleteTask | FailTask | ReleaseTask)
   // All but ClaimTask take the task's number and return FailedPrecondition, changing nothing, when that attempt is no
   // longer the one that counts: its job failed, or it was released.
 
@@ -108,6 +110,8 @@ class Store {
   virtual absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) = 0;
   // The state of a validation: sequence kValidating -> kReady | kInvalid. Ends the task.
   virtual absl::Status FinishValidation(int64_t task, const ValidationResult& result) = 0;
+  // What a self-check task measured. Ends the task; the prepare task of the job comes into being.
+  virtual absl::Status FinishSelfCheck(int64_t task, const SelfCheck& check) = 0;
   // What a prepare task found. Ends the task. A plan without intervals is InvalidArgument.
   virtual absl::Status FinishPrepare(int64_t task, const JobPlan& plan) = 0;
   // An interval of an intervals or a render task is done: its files are durable. Returns the job. Repeating it changes

@@ -40,6 +40,35 @@ class MainJobTest(harness.IntegrationTest):
             check(server.client("submit", self.sequence, "-o", self.folder / "out", *options))
             self.assert_same_result(self.folder / "out", local)
 
+    def test_self_check_is_that_of_the_local_command(self):
+        local = self.folder / "local"
+        printed = harness.check(harness.run("depthtween-core", "upsample", self.sequence, "-o", local, "--self-check"))
+        with Server(self.folder / "data") as server:
+            out = self.folder / "out"
+            submitted = check(server.client("submit", self.sequence, "--self-check", "-o", out))
+            table = [line for line in printed.stdout.splitlines() if line.startswith(("ours ", "flow-warp ", "hold "))]
+            self.assertEqual(len(table), 3, printed.stdout)
+            for line in table:
+                self.assertIn(line, submitted.stderr.splitlines())
+            self.assertIn("self-check", server.log_text())
+            self.assert_same_result(out, local)
+            ours, theirs = (json.loads((folder / "report.json").read_text()) for folder in (out, local))
+            self.assertEqual(sorted(ours), sorted(theirs))
+            for report in (ours, theirs):
+                del report["self_check"]["seconds"]
+            self.assertEqual(ours["self_check"], theirs["self_check"])
+
+            # It is stored with the job.
+            server.kill()
+            server.start()
+            job_name = submitted.stdout.strip()
+            status = check(server.client("status", job_name)).stdout.splitlines()
+            for line in table:
+                self.assertIn(line, status)
+            measured = server.job(job_name)["selfCheck"]
+            self.assertEqual([method["rmseMm"] for method in measured["methods"]],
+                             [method["rmse_mm"] for method in ours["self_check"]["methods"]])
+
     def test_same_command_again_repeats_nothing(self):
         with Server(self.folder / "data") as server:
             first = server.client_json("submit", self.sequence, "--wait")

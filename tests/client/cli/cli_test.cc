@@ -55,5 +55,41 @@ TEST(DescribeProgress, SaysWhatWasMeasuredAndNoMore) {
   EXPECT_EQ(DescribeProgress(job), "succeeded, 17 frames");
 }
 
+// The columns are those of `depthtween-core upsample --self-check`; control characters of a server's text are not
+// shown.
+TEST(DescribeMeasured, SelfCheckIsASmallTable) {
+  v1::Job job;
+  EXPECT_EQ(DescribeMeasured(job), "");
+  v1::SelfCheck& check = *job.mutable_self_check();
+  check.set_summary("no self-check:\x1b too short");
+  check.set_reason("too short");
+  EXPECT_EQ(DescribeMeasured(job), "no self-check:? too short\n");
+  check.set_summary("on your clip it errs by 7.1 mm");
+  check.clear_reason();
+  check.set_maps_checked(12);
+  check.set_maps_held_out(40);
+  v1::SelfCheck::Method* method = check.add_methods();
+  method->set_name("ours");
+  method->set_rmse_mm(7.06);
+  method->set_mae_mm(1.5);
+  method->set_edge_band_rmse_mm(20.25);
+  method->set_completeness(0.995);
+  method->set_within_one_sigma(0.7);
+  method = check.add_methods();
+  method->set_name("hold");
+  method->set_rmse_mm(70);
+  method->set_completeness(1);
+  v1::SelfCheck::Frame* frame = check.add_worst_frames();
+  frame->set_stem("000017");
+  frame->set_rmse_mm(9);
+  EXPECT_EQ(DescribeMeasured(job),
+            "on your clip it errs by 7.1 mm\n"
+            "\n"
+            "self-check   RMSE mm    MAE mm   edge band   complete  <1 sigma   (12 of 40 held-out depth maps)\n"
+            "ours             7.1       1.5        20.2     99.5 %    70.0 %\n"
+            "hold            70.0       0.0           -    100.0 %         -\n"
+            "worst frames: 000017 (9.0 mm)\n");
+}
+
 }  // namespace
 }  // namespace depthtween::cli

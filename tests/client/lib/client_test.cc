@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "client/lib/fetch.h"
 #include "client/lib/jobs.h"
 #include "client/lib/upload.h"
@@ -101,17 +103,25 @@ TEST_F(ClientTest, UploadingAgainSendsNothing) {
   EXPECT_THAT(server_.sequences.request_ids, ElementsAre(sequence.fingerprint, sequence.fingerprint));
 }
 
-TEST_F(ClientTest, SubmittingAgainIsTheSameRequestAndAnotherMethodAnother) {
+TEST_F(ClientTest, SubmittingAgainIsTheSameRequestAndOtherOptionsAnother) {
   v1::Job job;
   job.set_sequence("sequences/1");
   ASSERT_TRUE(SubmitJob(*connection_, job).ok());
   ASSERT_TRUE(SubmitJob(*connection_, job).ok());
-  job.mutable_options()->set_method(v1::UpsampleOptions::METHOD_HOLD);
-  ASSERT_TRUE(SubmitJob(*connection_, job).ok());
+  const auto with = [&](const auto& change) {
+    v1::Job other = job;
+    change(*other.mutable_options());
+    ASSERT_TRUE(SubmitJob(*connection_, other).ok());
+  };
+  with([](v1::UpsampleOptions& options) { options.set_method(v1::UpsampleOptions::METHOD_HOLD); });
+  with([](v1::UpsampleOptions& options) { options.set_key_every(2); });
+  with([](v1::UpsampleOptions& options) { options.set_preset(v1::UpsampleOptions::PRESET_FAST); });
+  with([](v1::UpsampleOptions& options) { options.add_without("draw"); });
+  with([](v1::UpsampleOptions& options) { options.set_self_check(true); });
   const auto& ids = server_.jobs.request_ids;
-  ASSERT_EQ(ids.size(), 3U);
+  ASSERT_EQ(ids.size(), 7U);
   EXPECT_EQ(ids[0], ids[1]);
-  EXPECT_NE(ids[0], ids[2]);
+  EXPECT_EQ(std::set<std::string>(ids.begin(), ids.end()).size(), 6U);
   EXPECT_EQ(server_.jobs.retries, 0);
 }
 
@@ -133,19 +143,27 @@ TEST_F(ClientTest, WatchGoesOnAfterTheEventItSawLast) {
   event.set_resume_token("two");
   event.mutable_frames_ready()->mutable_progress()->set_frames_done(4);
   server_.jobs.events.push_back(event);
+  event.set_resume_token("measured");
+  event.mutable_state_change()->set_state(v1::Job::STATE_RUNNING);
+  event.mutable_state_change()->mutable_self_check()->set_summary("good");
+  server_.jobs.events.push_back(event);
+  event.mutable_state_change()->Clear();
   event.set_resume_token("three");
   event.mutable_state_change()->set_state(v1::Job::STATE_SUCCEEDED);
   server_.jobs.events.push_back(event);
 
   std::vector<std::string> seen;
   int frames_done = -1;
+  std::string measured;
   const auto job = WatchJob(*connection_, "jobs/1", [&](const v1::JobEvent& event, const v1::Job& job) {
     seen.push_back(event.resume_token());
     if (event.has_frames_ready()) frames_done = job.progress().frames_done();
+    measured = job.self_check().summary();
   });
   ASSERT_TRUE(job.ok()) << job.status();
-  EXPECT_THAT(seen, ElementsAre("one", "two", "three"));
+  EXPECT_THAT(seen, ElementsAre("one", "two", "measured", "three"));
   EXPECT_EQ(frames_done, 4);
+  EXPECT_EQ(measured, "good") << "what was measured stays";
   EXPECT_THAT(server_.jobs.resume_tokens, ElementsAre("", "one"));
   EXPECT_EQ(job->state(), v1::Job::STATE_SUCCEEDED);
   EXPECT_EQ(job->end_time().seconds(), 1);

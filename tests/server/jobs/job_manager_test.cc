@@ -46,7 +46,7 @@ TEST_F(JobManagerTest, WholeLife) {
   }
   // fake_core reports the options it was given; threads is what the server decided.
   EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
-            R"({"key_every":2,"method":"ours","preset":"balanced","threads":1,"without":[]})");
+            R"({"key_every":2,"method":"ours","preset":"balanced","self_check":false,"threads":1,"without":[]})");
   WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
 
   EXPECT_THAT(jobs_->Delete(job), IsOk());
@@ -307,6 +307,55 @@ TEST_F(JobManagerTest, OptionsAreChecked) {
 // ---- renders ----
 
 const char kDof[] = R"({"name":"dof","container":"mp4"})", kStereo[] = R"({"name":"stereo"})";
+
+TEST_F(JobManagerTest, SelfCheckIsMeasuredFirstAndIsPartOfTheReport) {
+  Start(2);
+  const std::string sequence = ReadySequence("wait_check\n");
+  const std::string job =
+      Take(jobs_->Create({.sequence_id = sequence, .options = {.self_check = true}}, "", false)).record.id;
+  WaitUntil([&] { return View(job).progress.stage == "self-check, map 1 of 1"; });
+  EXPECT_EQ(View(job).record.intervals_total, 0) << "nothing else is begun";
+  Go(sequence);
+  const JobView ended = Ended(job);
+  EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
+  ASSERT_TRUE(ended.record.self_check.has_value());
+  EXPECT_EQ(ended.record.self_check->summary, "it errs by 7 mm");
+  EXPECT_EQ(ended.record.self_check->methods[0].rmse_mm, 7);
+  EXPECT_EQ(ended.record.self_check->worst_frames[0].stem, "000003");
+  EXPECT_THAT(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
+              AllOf(HasSubstr(R"("self_check":true)"), HasSubstr(R"("summary":"it errs by 7 mm")")));
+  EXPECT_THAT(Logged(sequence, "check"), SizeIs(1));
+}
+
+TEST_F(JobManagerTest, SelfCheckThatCannotBeMadeStopsNothing) {
+  Start();
+  const std::string sequence = ReadySequence("no_check\n");
+  const JobView ended =
+      Ended(Take(jobs_->Create({.sequence_id = sequence, .options = {.self_check = true}}, "", false)).record.id);
+  EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
+  EXPECT_EQ(ended.record.self_check->reason, "too short");
+}
+
+TEST_F(JobManagerTest, StoppedServerMeasuresTheSelfCheckAgainAndAFinishedOneNever) {
+  Start();
+  const std::string sequence = ReadySequence("wait_check\n");
+  const std::string job =
+      Take(jobs_->Create({.sequence_id = sequence, .options = {.self_check = true}}, "", false)).record.id;
+  WaitUntil([&] { return Logged(sequence, "check").size() == 1; });
+  Close();
+  Start();
+  WaitUntil([&] { return Logged(sequence, "check").size() == 2; });
+  WriteText(directory_->SequenceFolder(sequence) + "/script", "error_at 1 DATA_LOSS\n");
+  Go(sequence);
+  EXPECT_EQ(Ended(job).record.state, JobState::kFailed);
+  Close();
+  Start();
+  EXPECT_EQ(View(job).record.self_check->summary, "it errs by 7 mm");
+  WriteText(directory_->SequenceFolder(sequence) + "/script", "");
+  EXPECT_THAT(jobs_->Retry(job), IsOk());
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  EXPECT_THAT(Logged(sequence, "check"), SizeIs(2));
+}
 
 TEST_F(JobManagerTest, PicturesAreRenderedBesideDepthAndAssembledAtTheEnd) {
   for (const int workers : {1, 2}) {

@@ -27,11 +27,20 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
                   "dof"),
       ElementsAre("core", "task", "render", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--constants",
                   "C", "--first", "4", "--count", "2", "--render", "dof", "--result", "R", "--out", "D"));
+  EXPECT_THAT(TaskCommand({.kind = TaskKind::kSelfCheck}, paths),
+              ElementsAre("core", "task", "self-check", "--sequence", "S", "--progress-fd", "3", "--options", "O",
+                          "--out", "D"));
+  EXPECT_THAT(
+      TaskCommand(
+          {.kind = TaskKind::kAssemble},
+          {.program = "core", .sequence = "S", .options = "O", .constants = "C", .out = "D", .self_check = "X"}),
+      ElementsAre("core", "task", "assemble", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--constants",
+                  "C", "--out", "D", "--self-check", "X"));
   EXPECT_EQ(OptionsJson({}, {{.options = R"({"name":"a"})"}, {.options = "{}", .uses_motion = true}}),
             R"({"keep_motion":true,"key_every":1,"method":"ours","preset":"balanced","renders":[{"name":"a"},{}],)"
-            R"("threads":0,"without":[]})");
-  EXPECT_EQ(OptionsJson({.preset = "fast", .without = {"draw"}}),
-            R"({"key_every":1,"method":"ours","preset":"fast","threads":0,"without":["draw"]})");
+            R"("self_check":false,"threads":0,"without":[]})");
+  EXPECT_EQ(OptionsJson({.preset = "fast", .without = {"draw"}, .self_check = true}),
+            R"({"key_every":1,"method":"ours","preset":"fast","self_check":true,"threads":0,"without":["draw"]})");
   EXPECT_EQ(OptionsJson({.method = "hold", .key_every = 3, .threads = 2}),
             R"({"key_every":3,"method":"hold","threads":2})");
 }
@@ -82,6 +91,29 @@ TEST(TaskProtocol, PlansAreChecked) {
   }
 }
 
+TEST(TaskProtocol, SelfChecksAreChecked) {
+  const auto check = [](const std::string& completeness, const std::string& stem, int maps_held_out = 2) {
+    return ParseSelfCheck(
+        R"({"summary":"s","maps_checked":2,"maps_held_out":)" + std::to_string(maps_held_out) +
+        R"(,"pixels":5,"seconds":1,"methods":[{"name":"ours","rmse_mm":7,"mae_mm":5,"completeness":)" + completeness +
+        R"(}],"worst_frames":[{"frame":3,"stem":")" + stem + R"(","time_ns":7,"rmse_mm":8}]})");
+  };
+  const SelfCheck good = Take(check("0.5", "000003"));
+  EXPECT_EQ(good.methods[0].completeness, 0.5);
+  EXPECT_FALSE(good.methods[0].edge_band_rmse_mm.has_value());
+  EXPECT_EQ(good.worst_frames[0].stem, "000003");
+  EXPECT_EQ(Take(ParseSelfCheck(R"({"summary":"s","reason":"too short"})")).reason, "too short");
+  const auto is_refused = HasCode(absl::StatusCode::kInternal);
+  EXPECT_THAT(check("1.5", "000003"), is_refused) << "no share";
+  EXPECT_THAT(check("1e999", "000003"), is_refused) << "no number";
+  EXPECT_THAT(check("0.5", "../../x"), is_refused);
+  EXPECT_THAT(check("0.5", "000003", 1), is_refused) << "more checked than there were";
+  for (const std::string& text : {std::string(), std::string("[]"), std::string("{}"),
+                                  R"({"summary":"s","reason":")" + std::string(3000, 'x') + "\"}"}) {
+    EXPECT_THAT(ParseSelfCheck(text), is_refused) << text;
+  }
+}
+
 TEST(TaskProtocol, RenderPlansAreChecked) {
   const auto plan = [](const std::string& name, const std::string& streams, const std::string& videos) {
     return R"({"name":")" + name + R"(","reach_frames":2,"anchor_frame":-1,"uses_motion":true,"streams":)" + streams +
@@ -116,6 +148,10 @@ TEST(Progress, IsMeasuredNeverInvented) {
   JobRecord job = {.state = JobState::kRunning};
   EXPECT_EQ(DescribeProgress(job, "", 2).stage, "prepare");
   EXPECT_EQ(DescribeProgress(job, "", 2).fraction, 0);
+  job.options.self_check = true;
+  EXPECT_EQ(DescribeProgress(job, "", 2).stage, "self-check");
+  job.self_check.emplace();
+  EXPECT_EQ(DescribeProgress(job, "", 2).stage, "prepare");
   job.intervals_total = 10;
   job.frames_total = 80;
   EXPECT_FALSE(DescribeProgress(job, "flow", 2).eta.has_value());

@@ -131,6 +131,10 @@ TEST_F(JobServiceTest, BadRequestsNameTheirField) {
   ASSERT_THAT(Create(request, &job), Succeeds());
   EXPECT_EQ(job.options().preset(), v1::UpsampleOptions::PRESET_FAST);
   EXPECT_EQ(job.options().without(0), "draw");
+  request = Request(sequence.name());
+  request.mutable_job()->mutable_options()->set_method(v1::UpsampleOptions::METHOD_HOLD);
+  request.mutable_job()->mutable_options()->set_self_check(true);
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.self_check"));
   v1::ListJobsResponse list;
   EXPECT_THAT(List("state = DONE", &list), FailsAtField("filter"));
   EXPECT_THAT(List("owner = me", &list), FailsAtField("filter"));
@@ -265,6 +269,57 @@ TEST_F(JobServiceTest, WatchTellsEveryChangeOnce) {
     ASSERT_GT(count, 0);
     EXPECT_EQ(last.has_snapshot() ? last.snapshot().state() : last.state_change().state(), v1::Job::STATE_SUCCEEDED);
   }
+}
+
+// What fake_core measures; a watcher hears of it once it is known, and everybody who asks later.
+TEST_F(JobServiceTest, ASelfCheckIsPartOfTheJob) {
+  const v1::Sequence sequence = ReadySequence("wait_check");
+  v1::CreateJobRequest request = Request(sequence.name());
+  request.mutable_job()->mutable_options()->set_self_check(true);
+  v1::Job job;
+  ASSERT_THAT(Create(request, &job), Succeeds());
+  EXPECT_TRUE(job.options().self_check());
+  EXPECT_FALSE(job.has_self_check());
+  grpc::ClientContext context;
+  const auto reader = Watch(&context, job.name());
+  v1::JobEvent event;
+  ASSERT_TRUE(reader->Read(&event));
+  Go(sequence);
+  v1::SelfCheck heard;
+  int frames_before = 0;
+  while (reader->Read(&event)) {
+    if (event.has_state_change() && event.state_change().has_self_check()) {
+      if (heard.summary().empty()) heard = event.state_change().self_check();
+    } else if (event.has_frames_ready() && heard.summary().empty()) {
+      ++frames_before;
+    }
+  }
+  EXPECT_THAT(reader->Finish(), Succeeds());
+  EXPECT_EQ(frames_before, 0);
+  const v1::SelfCheck check = GetJob(job.name()).self_check();
+  EXPECT_EQ(heard.SerializeAsString(), check.SerializeAsString());
+  EXPECT_EQ(check.summary(), "it errs by 7 mm");
+  EXPECT_EQ(check.reason(), "");
+  EXPECT_EQ(check.maps_checked(), 1);
+  EXPECT_EQ(check.maps_held_out(), 2);
+  EXPECT_EQ(check.pixels(), 12);
+  EXPECT_EQ(check.seconds(), 0.5);
+  ASSERT_EQ(check.methods_size(), 2);
+  EXPECT_EQ(check.methods(0).name(), "ours");
+  EXPECT_EQ(check.methods(0).rmse_mm(), 7);
+  EXPECT_EQ(check.methods(0).mae_mm(), 5);
+  EXPECT_EQ(check.methods(0).edge_band_rmse_mm(), 9);
+  EXPECT_EQ(check.methods(0).completeness(), 0.5);
+  EXPECT_EQ(check.methods(0).within_one_sigma(), 0.25);
+  EXPECT_FALSE(check.methods(1).has_edge_band_rmse_mm());
+  EXPECT_FALSE(check.methods(1).has_within_one_sigma());
+  ASSERT_EQ(check.worst_frames_size(), 1);
+  EXPECT_EQ(check.worst_frames(0).frame(), 3);
+  EXPECT_EQ(check.worst_frames(0).stem(), "000003");
+  EXPECT_EQ(check.worst_frames(0).time_ns(), 3000);
+  EXPECT_EQ(check.worst_frames(0).rmse_mm(), 8);
+  EXPECT_EQ(check.sensor_floor_rmse_mm(), 2);
+  EXPECT_EQ(check.sensor_floor_mae_mm(), 1);
 }
 
 TEST_F(JobServiceTest, AResumedWatchGoesOnWithoutGap) {

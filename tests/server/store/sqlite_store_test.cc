@@ -52,6 +52,48 @@ TEST(SqliteStore, WorkOfAnOlderServerGoesOn) {
   EXPECT_EQ(Take(store->ClaimTask(all))->number, 4) << "3 was used, even if its row is gone";
 }
 
+// A file of the schema before self-checks, with a job that runs: it reads as it was, and its work goes on.
+TEST(SqliteStore, JobsFromBeforeSelfChecksGoOn) {
+  const TemporaryFolder folder;
+  {
+    const auto database = Take(Database::Open(folder / "s.sqlite"));
+    for (int step = 0; step < 3; ++step) EXPECT_THAT(database->RunScript(SchemaSteps()[step]), IsOk());
+    EXPECT_THAT(database->RunScript(R"(
+      INSERT INTO sequences (id, display_name, state, create_time_us, update_time_us, validation) VALUES
+        ('s', '', 3, 0, 0, '{"violations": [], "warnings": [], "error": {"code": 0, "message": ""}, "recording":
+          {"camera": {"width": 4, "height": 3, "fx": 5, "fy": 5, "cx": 1.5, "cy": 1, "k1": 0, "k2": 0, "p1": 0,
+           "p2": 0, "k3": 0}, "depth_scale": 5000, "color_frame_count": 4, "depth_frame_count": 2,
+           "first_time_ns": 0, "last_time_ns": 3, "median_depth_m": 1}}');
+      INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, create_time_us,
+                        intervals_total, intervals_done, frames_total, frames_done, preset, without)
+        SELECT 'j', 'old', 's', json_extract(validation, '$.recording'), 'ours', 2, 0, 2, 7, 2, 1, 4, 2, 'fast', 'draw'
+        FROM sequences;
+      INSERT INTO tasks (kind, job, first_interval, interval_count, running, render) VALUES
+        (2, 1, 0, 0, 0, 0), (3, 1, 0, 1, 0, 0), (5, 1, 1, 1, 1, 3);
+      DELETE FROM tasks WHERE number < 3;
+      INSERT INTO intervals (job, idx, first_frame, frame_count, held, done) VALUES (1, 0, 0, 2, 0, 1), (1, 1, 2, 2, 0, 0);
+      PRAGMA user_version = 3)"),
+                IsOk());
+  }
+  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  const JobRecord job = Take(store->GetJob("j"));
+  EXPECT_EQ(job.display_name, "old");
+  EXPECT_EQ(job.options.key_every, 2);
+  EXPECT_EQ(job.options.preset, "fast");
+  EXPECT_EQ(job.options.without, std::vector<std::string>{"draw"});
+  EXPECT_EQ(job.intervals_done, 1);
+  EXPECT_FALSE(job.options.self_check);
+  EXPECT_FALSE(job.self_check.has_value());
+  EXPECT_THAT(store->ReleaseTask(3), IsOk()) << "the task that ran is there";
+  const auto one = [](const JobRecord&, TaskKind) { return 1; };
+  const Task next = *Take(store->ClaimTask(one));
+  EXPECT_EQ(next.kind, TaskKind::kIntervals);
+  EXPECT_EQ(next.first_interval, 1);
+  EXPECT_EQ(next.number, 4) << "numbers go on";
+  EXPECT_THAT(store->CreateJob({.sequence_id = "s", .options = {.self_check = true}}, "", false), IsOk());
+  EXPECT_EQ(Take(store->ClaimTask(one))->kind, TaskKind::kSelfCheck);
+}
+
 TEST(SqliteStore, RefusesTheFileOfANewerServer) {
   const TemporaryFolder folder;
   EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());

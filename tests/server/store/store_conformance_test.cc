@@ -563,6 +563,99 @@ TEST_P(StoreConformance, RetryNeedsTheSequence) {
   EXPECT_THAT(store().RetryJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
 }
 
+// ---- self-check ----
+
+SelfCheck SomeSelfCheck() {
+  return {.summary = "ours errs by 7.1 mm",
+          .maps_checked = 12,
+          .maps_held_out = 40,
+          .pixels = int64_t{1} << 40,
+          .methods = {{.name = "ours",
+                       .rmse_mm = 7.1,
+                       .mae_mm = 1.0 / 3.0,
+                       .edge_band_rmse_mm = 20.5,
+                       .completeness = 0.99,
+                       .within_one_sigma = 0.7},
+                      {.name = "hold", .rmse_mm = 70, .mae_mm = 50, .completeness = 1}},
+          .worst_frames = {{.frame = 17, .stem = "000017", .time_ns = 1305031102175304000, .rmse_mm = 9.25}},
+          .sensor_floor = SelfCheck::Floor{.rmse_mm = 2.5, .mae_mm = 1.5},
+          .seconds = 3.5};
+}
+
+void ExpectSame(const std::optional<SelfCheck>& check, const SelfCheck& expected) {
+  ASSERT_TRUE(check.has_value());
+  EXPECT_EQ(check->summary, expected.summary);
+  EXPECT_EQ(check->reason, expected.reason);
+  EXPECT_EQ(check->maps_checked, expected.maps_checked);
+  EXPECT_EQ(check->maps_held_out, expected.maps_held_out);
+  EXPECT_EQ(check->pixels, expected.pixels);
+  ASSERT_EQ(check->methods.size(), expected.methods.size());
+  for (size_t i = 0; i < expected.methods.size(); ++i) {
+    EXPECT_EQ(check->methods[i].name, expected.methods[i].name);
+    EXPECT_EQ(check->methods[i].rmse_mm, expected.methods[i].rmse_mm);
+    EXPECT_EQ(check->methods[i].mae_mm, expected.methods[i].mae_mm);
+    EXPECT_EQ(check->methods[i].edge_band_rmse_mm, expected.methods[i].edge_band_rmse_mm);
+    EXPECT_EQ(check->methods[i].completeness, expected.methods[i].completeness);
+    EXPECT_EQ(check->methods[i].within_one_sigma, expected.methods[i].within_one_sigma);
+  }
+  ASSERT_EQ(check->worst_frames.size(), expected.worst_frames.size());
+  for (size_t i = 0; i < expected.worst_frames.size(); ++i) {
+    EXPECT_EQ(check->worst_frames[i].frame, expected.worst_frames[i].frame);
+    EXPECT_EQ(check->worst_frames[i].stem, expected.worst_frames[i].stem);
+    EXPECT_EQ(check->worst_frames[i].time_ns, expected.worst_frames[i].time_ns);
+    EXPECT_EQ(check->worst_frames[i].rmse_mm, expected.worst_frames[i].rmse_mm);
+  }
+  ASSERT_EQ(check->sensor_floor.has_value(), expected.sensor_floor.has_value());
+  if (expected.sensor_floor) {
+    EXPECT_EQ(check->sensor_floor->rmse_mm, expected.sensor_floor->rmse_mm);
+    EXPECT_EQ(check->sensor_floor->mae_mm, expected.sensor_floor->mae_mm);
+  }
+  EXPECT_EQ(check->seconds, expected.seconds);
+}
+
+TEST_P(StoreConformance, SelfCheckGoesFirstAndSurvivesReopening) {
+  const NewJob order = {.sequence_id = ReadySequence().id, .options = {.self_check = true}};
+  const std::string id = Take(store().CreateJob(order, "r", false)).id;
+  EXPECT_THAT(store().CreateJob({.sequence_id = order.sequence_id}, "r", false),
+              HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+  EXPECT_FALSE(Job(id).self_check.has_value());
+  Task check = Claim();
+  EXPECT_EQ(check.kind, TaskKind::kSelfCheck);
+  EXPECT_EQ(check.job_id, id);
+  EXPECT_EQ(Claim().number, 0) << "nothing is prepared meanwhile";
+  // A server that dies meanwhile begins it anew.
+  Open();
+  EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
+  EXPECT_THAT(store().FinishSelfCheck(check.number, SomeSelfCheck()), HasCode(absl::StatusCode::kFailedPrecondition));
+  check = Claim();
+  EXPECT_EQ(check.kind, TaskKind::kSelfCheck);
+  EXPECT_THAT(store().FinishSelfCheck(check.number, SomeSelfCheck()), IsOk());
+  Open();
+  EXPECT_TRUE(Job(id).options.self_check);
+  ExpectSame(Job(id).self_check, SomeSelfCheck());
+  ExpectSame(Take(store().ListJobs({}, {})).items[0].self_check, SomeSelfCheck());
+  const Task prepare = Claim();
+  EXPECT_EQ(prepare.kind, TaskKind::kPrepare);
+  EXPECT_THAT(store().FailTask(prepare.number, absl::DataLossError("x"), false), IsOk());
+  EXPECT_THAT(store().RetryJob(id), IsOk());
+  EXPECT_EQ(Claim().kind, TaskKind::kPrepare) << "what was measured is not measured again";
+}
+
+TEST_P(StoreConformance, SelfCheckThatFailsIsTriedAgainWithTheJob) {
+  const NewJob order = {.sequence_id = ReadySequence().id, .options = {.self_check = true}};
+  const std::string id = Take(store().CreateJob(order, "", false)).id;
+  EXPECT_THAT(store().FailTask(Claim().number, absl::DataLossError("x"), false), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kFailed);
+  EXPECT_THAT(store().RetryJob(id), IsOk());
+  const Task again = Claim();
+  EXPECT_EQ(again.kind, TaskKind::kSelfCheck);
+  EXPECT_THAT(store().CancelJob(id), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kCancelling);
+  EXPECT_THAT(store().FinishSelfCheck(again.number, {.summary = "s", .reason = "too short"}), IsOk());
+  EXPECT_EQ(Job(id).state, JobState::kCancelled);
+  ExpectSame(Job(id).self_check, {.summary = "s", .reason = "too short"});
+}
+
 // ---- renders ----
 
 RenderRecord RenderOf(const std::string& name, int reach_frames, int anchor_frame = -1) {
@@ -698,6 +791,25 @@ TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
   EXPECT_THAT(store().FinishPrepare(Claim().number, plan), IsOk());
   EXPECT_EQ(Job(job.id).frames_done, 4);
   EXPECT_EQ(Claim(8).kind, TaskKind::kRender);
+}
+
+TEST_P(StoreConformance, ASelfCheckIsTakenOverWithTheDepth) {
+  const SequenceRecord sequence = ReadySequence();
+  const NewJob measured = {.sequence_id = sequence.id, .options = {.self_check = true}};
+  const std::string from = Take(store().CreateJob(measured, "", false)).id;
+  EXPECT_THAT(store().FinishSelfCheck(Claim().number, SomeSelfCheck()), IsOk());
+  EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(1)), IsOk());
+  const Task depth = Claim(1);
+  EXPECT_THAT(store().FinishInterval(depth.number, 0, 1.0), IsOk());
+  EXPECT_THAT(store().CompleteTask(depth.number), IsOk());
+  EXPECT_THAT(store().CompleteTask(Claim().number), IsOk());
+
+  NewJob order = {
+      .sequence_id = sequence.id, .options = {.self_check = true}, .renders = {RenderOf("a", 0)}, .depth_from = from};
+  ExpectSame(Take(store().CreateJob(order, "", false)).self_check, SomeSelfCheck());
+  EXPECT_EQ(Claim().kind, TaskKind::kPrepare) << "it is not measured again";
+  order.options.self_check = false;
+  EXPECT_FALSE(Take(store().CreateJob(order, "", false)).self_check.has_value()) << "nobody asked";
 }
 
 }  // namespace depthtween::server
