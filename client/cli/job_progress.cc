@@ -60,17 +60,36 @@ std::string DescribeSelfCheck(const v1::SelfCheck& check) {
   return text + "\n";
 }
 
+// As `depthtween-core sync` prints it.
+std::string DescribeClock(const v1::ClockEstimate& estimate) {
+  if (!estimate.reason().empty()) {
+    return absl::StrCat("clock: ", Printable(estimate.summary()), "; the stamps are kept\n");
+  }
+  return absl::StrFormat(
+      "clock: %s\n"
+      "corrected stamps are right to +-%.2f ms; rows of colour come %.1f us after one another (+-%.1f us)\n",
+      Printable(estimate.summary()), 1e-6 * estimate.stamp_sigma_ns(), 1e-3 * estimate.row_time_ns(),
+      1e-3 * estimate.row_time_sigma_ns());
+}
+
 }  // namespace
 
 std::string DescribeMeasured(const v1::Job& job) {
-  return job.has_self_check() ? DescribeSelfCheck(job.self_check()) : std::string();
+  std::string text;
+  if (job.has_self_check()) absl::StrAppend(&text, DescribeSelfCheck(job.self_check()));
+  if (job.has_clock_estimate()) absl::StrAppend(&text, DescribeClock(job.clock_estimate()));
+  return text;
 }
 
 absl::StatusOr<v1::Job> WatchWithProgressLine(client::Connection& connection, const std::string& name) {
   ProgressLine line(name);
   std::string said;
   return client::WatchJob(connection, name, [&](const v1::JobEvent&, const v1::Job& job) {
-    if (const std::string measured = DescribeMeasured(job); measured != said) line.Say(said = measured);
+    // What was said before stays at its beginning.
+    if (const std::string measured = DescribeMeasured(job); measured.size() > said.size()) {
+      line.Say(measured.substr(said.size()));
+      said = measured;
+    }
     line.Show(job.progress().fraction(), DescribeProgress(job));
   });
 }

@@ -12,7 +12,7 @@ namespace depthtween::cli {
 // "frame 17 of 66, interval 2 of 8, picture 8 of 132, flow, 0:04 left", "queued, 2 jobs ahead", "succeeded, 66 frames".
 std::string DescribeProgress(const v1::Job& job);
 
-// What was measured on the recording itself, as lines for people: the self-check. Empty if nothing was.
+// What was measured on the recording itself, as lines for people: the self-check, the clock. Empty if nothing was.
 std::string DescribeMeasured(const v1::Job& job);
 
 // Follows a job with a progress line on stderr until it has ended; what is measured is printed there as soon as it is

@@ -43,6 +43,8 @@ struct SubmitOptions {
   std::string preset = "balanced";
   std::vector<std::string> without;
   bool self_check = false;
+  bool causal = false;
+  std::string clock = "stamps";
   RenderFlags renders;
   v1::RenderOptions::Container container = v1::RenderOptions::CONTAINER_UNSPECIFIED;
 };
@@ -163,6 +165,8 @@ int Submit(const SubmitOptions& options, SubmitResult& result) {
   order.mutable_options()->set_preset(kPresets.at(options.preset));
   order.mutable_options()->mutable_without()->Assign(options.without.begin(), options.without.end());
   order.mutable_options()->set_self_check(options.self_check);
+  order.mutable_options()->set_causal(options.causal);
+  order.mutable_options()->set_clock(options.clock);
   for (const v1::RenderOptions& render : *renders) *order.add_renders() = render;
   absl::StatusOr<v1::Job> job = client::SubmitJob(**connection, order);
   if (!job.ok()) return Report(job.status());
@@ -219,6 +223,17 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
                    "witnesses, silhouettes; names with commas between them")
       ->delimiter(',')
       ->type_name("NAMES");
+  command->add_flag(
+      "--causal", options->causal,
+      "Take each frame from what had been seen by then alone, for low latency: the last depth frames, and "
+      "the colour frames up to it");
+  command
+      ->add_option("--clock", options->clock,
+                   "How depth frames come onto the colour camera's clock: stamps (they are right), index (pair by "
+                   "number), estimate (from the images), or OFFSET_MS[,DRIFT_PPM] that the depth clock is ahead and "
+                   "gains, such as 4,300 (negative: --clock=-4)")
+      ->type_name("CLOCK")
+      ->capture_default_str();
   command->add_flag("--self-check", options->self_check,
                     "First hold out every second depth frame and report how far ours, flow-warp, linear and hold are "
                     "from it on this recording; costs at most what 24 intervals cost");

@@ -22,6 +22,9 @@ void Apply(const v1::JobEvent& event, v1::Job& job) {
       if (event.state_change().has_error()) *job.mutable_error() = event.state_change().error();
       *job.mutable_progress() = event.state_change().progress();
       if (event.state_change().has_self_check()) *job.mutable_self_check() = event.state_change().self_check();
+      if (event.state_change().has_clock_estimate()) {
+        *job.mutable_clock_estimate() = event.state_change().clock_estimate();
+      }
       break;
     case v1::JobEvent::kProgress:
       *job.mutable_progress() = event.progress();
@@ -67,6 +70,8 @@ absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job) {
     id.Add(absl::StrCat("\npreset ", options.preset()));
   }
   for (const std::string& part : options.without()) id.Add("\nwithout " + part);
+  if (options.causal()) id.Add("\ncausal");
+  if (!options.clock().empty() && options.clock() != "stamps") id.Add("\nclock " + options.clock());
   if (options.self_check()) id.Add("\nself_check");
   for (const v1::RenderOptions& render : job.renders()) id.Add("\n" + render.SerializeAsString());
   if (!job.depth_from().empty()) id.Add("\n" + job.depth_from());

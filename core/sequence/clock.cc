@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <string>
 
+#include "absl/strings/escaping.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
 
 namespace depthtween {
 namespace {
@@ -57,6 +61,23 @@ absl::Status ClockModel::Validate() const {
   if (!(std::abs(offset_ns) <= kMaxOffsetNs)) return error("offset_ns", offset_ns, "within an hour (3.6e12)");
   if (!(std::abs(drift_ppm) <= kMaxDriftPpm)) return error("drift_ppm", drift_ppm, "within 100000 (a tenth)");
   return absl::OkStatus();
+}
+
+absl::StatusOr<ClockChoice> ParseClockChoice(std::string_view text) {
+  constexpr size_t kMaxBytes = 64;
+  if (text == "stamps") return ClockChoice{};
+  if (text == "index") return ClockChoice{.mode = ClockChoice::Mode::kIndex};
+  if (text == "estimate") return ClockChoice{.mode = ClockChoice::Mode::kEstimate};
+  ClockChoice choice{.mode = ClockChoice::Mode::kGiven};
+  const absl::string_view shown(text.data(), std::min(text.size(), kMaxBytes));
+  const std::vector<std::string> numbers = absl::StrSplit(shown, ',');
+  if (text.size() > kMaxBytes || numbers.size() > 2 || !absl::SimpleAtod(numbers[0], &choice.offset_ms) ||
+      (numbers.size() == 2 && !absl::SimpleAtod(numbers[1], &choice.drift_ppm)))
+    return absl::InvalidArgumentError(
+        absl::StrFormat("'%s', must be stamps, index, estimate, or OFFSET_MS[,DRIFT_PPM] such as 4 or 4,3000",
+                        absl::CHexEscape(shown)));
+  RETURN_IF_ERROR(ClockModel({.offset_ns = 1e6 * choice.offset_ms, .drift_ppm = choice.drift_ppm}).Validate());
+  return choice;
 }
 
 Sequence CorrectDepthStamps(const Sequence& sequence, const ClockModel& clock) {

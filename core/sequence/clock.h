@@ -3,6 +3,7 @@
 #define DEPTHTWEEN_CORE_SEQUENCE_CLOCK_H_
 
 #include <cstdint>
+#include <string_view>
 #include <vector>
 
 #include "core/base/status.h"
@@ -29,6 +30,20 @@ struct ClockModel {
   // InvalidArgument with field, value and rule.
   absl::Status Validate() const;
 };
+
+// What a user may ask of a clock, as text of at most 64 bytes:
+//   stamps                    the stamps of the depth frames are right
+//   index                     they mean nothing: depth frame k was taken with colour frame k x ratio of the rates
+//   estimate                  measured from the images; where they do not tell, the stamps are kept
+//   OFFSET_MS[,DRIFT_PPM]     the depth clock is OFFSET_MS ahead at the first colour frame and gains DRIFT_PPM
+struct ClockChoice {
+  enum class Mode { kStamps, kIndex, kEstimate, kGiven };
+  Mode mode = Mode::kStamps;
+  double offset_ms = 0.0, drift_ppm = 0.0;  // kGiven
+};
+
+// InvalidArgument names what may stand there.
+absl::StatusOr<ClockChoice> ParseClockChoice(std::string_view text);
 
 // The depth frames of `sequence` stamped by the colour camera's clock. `clock` must be valid.
 Sequence CorrectDepthStamps(const Sequence& sequence, const ClockModel& clock);

@@ -2,30 +2,12 @@
 
 #include <cmath>
 #include <utility>
-#include <vector>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_split.h"
 
 namespace depthtween::tools {
 
 using nlohmann::json;
-
-absl::StatusOr<ClockChoice> ParseClockChoice(std::string_view text) {
-  if (text == "stamps") return ClockChoice{};
-  if (text == "index") return ClockChoice{.mode = ClockChoice::Mode::kIndex};
-  if (text == "estimate") return ClockChoice{.mode = ClockChoice::Mode::kEstimate};
-  ClockChoice choice{.mode = ClockChoice::Mode::kGiven};
-  const std::vector<std::string> numbers = absl::StrSplit(absl::string_view(text.data(), text.size()), ',');
-  if (numbers.size() > 2 || !absl::SimpleAtod(numbers[0], &choice.offset_ms) ||
-      (numbers.size() == 2 && !absl::SimpleAtod(numbers[1], &choice.drift_ppm)))
-    return absl::InvalidArgumentError(
-        absl::StrFormat("'%s', must be stamps, index, estimate, or OFFSET_MS[,DRIFT_PPM] such as 4 or 4,3000",
-                        std::string(text.substr(0, 64))));
-  RETURN_IF_ERROR(ClockModel({.offset_ns = 1e6 * choice.offset_ms, .drift_ppm = choice.drift_ppm}).Validate());
-  return choice;
-}
 
 absl::StatusOr<ClipClock> DecideClock(const FrameSource& recording, const ClockChoice& choice, int threads,
                                       std::stop_token stop, const std::function<void(int, int)>& on_progress) {

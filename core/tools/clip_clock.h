@@ -7,7 +7,6 @@
 #include <optional>
 #include <stop_token>
 #include <string>
-#include <string_view>
 
 #include "core/base/status.h"
 #include "core/capture/synchronise.h"
@@ -15,20 +14,6 @@
 #include "core/sequence/sequence.h"
 
 namespace depthtween::tools {
-
-// What a user may ask of a clock, as text:
-//   stamps                    the stamps of the depth frames are right
-//   index                     they mean nothing: depth frame k was taken with colour frame k x ratio of the rates
-//   estimate                  measured from the images; where they do not tell, the stamps are kept
-//   OFFSET_MS[,DRIFT_PPM]     the depth clock is OFFSET_MS ahead at the first colour frame and gains DRIFT_PPM
-struct ClockChoice {
-  enum class Mode { kStamps, kIndex, kEstimate, kGiven };
-  Mode mode = Mode::kStamps;
-  double offset_ms = 0.0, drift_ppm = 0.0;  // kGiven
-};
-
-// InvalidArgument names what may stand there.
-absl::StatusOr<ClockChoice> ParseClockChoice(std::string_view text);
 
 // The clock of one clip: what the choice comes to, decided once and then frozen.
 struct ClipClock {

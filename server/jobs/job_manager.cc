@@ -454,12 +454,13 @@ void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::st
   }
   if (!recorded.ok() || task.job_id.empty()) return;
   // What a task that runs alone said last is over with it.
-  if (const auto live = live_.find(task.job_id); task.kind == TaskKind::kSelfCheck && live != live_.end()) {
-    live->second.stage.clear();
-  }
-  // A job that still runs has its self-check now, or its plan, or one task less.
+  const bool alone = task.kind == TaskKind::kSelfCheck || task.kind == TaskKind::kPrepare;
+  if (const auto live = live_.find(task.job_id); alone && live != live_.end()) live->second.stage.clear();
+  // A job that still runs has its self-check now, or its plan, or one task less. What was measured is for watchers too.
   const absl::StatusOr<JobRecord> job = store_.GetJob(task.job_id);
-  const bool progressed = job.ok() && job->state == JobState::kRunning && task.kind != TaskKind::kSelfCheck;
+  const bool measured = task.kind == TaskKind::kSelfCheck ||
+                        (task.kind == TaskKind::kPrepare && job.ok() && job->clock_estimate.has_value());
+  const bool progressed = job.ok() && job->state == JobState::kRunning && !measured;
   const absl::StatusOr<JobView> view =
       Publish(task.job_id, progressed ? JobEvent::Kind::kProgress : JobEvent::Kind::kState);
   if (view.ok() && HasEnded(view->record.state)) StopTasksOf(task.job_id);

@@ -73,7 +73,13 @@ bool IsPlainName(const std::string& name) {
          name.find('\0') == std::string::npos;
 }
 
+constexpr size_t kMaxText = 2000;  // of what is written for people
+
 absl::StatusOr<JobPlan> CheckPlan(JobPlan plan) {
+  if (plan.clock_estimate &&
+      (plan.clock_estimate->summary.size() > kMaxText || plan.clock_estimate->reason.size() > kMaxText)) {
+    return Disagreement("a clock with too much to say");
+  }
   if (plan.intervals.empty()) return Disagreement("a plan without intervals");
   int next_frame = 0;
   for (size_t i = 0; i < plan.intervals.size(); ++i) {
@@ -122,10 +128,16 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
 }
 
 std::string OptionsJson(const UpsampleOptions& options, const std::vector<RenderRecord>& renders) {
-  json value = {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
+  json value = {{"method", options.method},
+                {"key_every", options.key_every},
+                {"threads", options.threads},
+                {"clock", options.clock}};
   // The other methods have none of these.
   if (options.method == "ours") {
-    value.update({{"preset", options.preset}, {"without", options.without}, {"self_check", options.self_check}});
+    value.update({{"preset", options.preset},
+                  {"without", options.without},
+                  {"causal", options.causal},
+                  {"self_check", options.self_check}});
   }
   if (!renders.empty()) {
     value["keep_motion"] =
@@ -203,7 +215,7 @@ absl::StatusOr<ValidationResult> ParseValidation(std::string_view text) {
 }
 
 absl::StatusOr<SelfCheck> ParseSelfCheck(const std::string& text) {
-  constexpr size_t kMaxListed = 100, kMaxText = 2000;
+  constexpr size_t kMaxListed = 100;
   const absl::StatusOr<SelfCheck> check = SelfCheckFromJson(text);
   if (!check.ok()) return Disagreement(std::string(check.status().message()));
   bool plain = check->summary.size() <= kMaxText && check->reason.size() <= kMaxText && check->maps_checked >= 0 &&
@@ -220,8 +232,9 @@ absl::StatusOr<SelfCheck> ParseSelfCheck(const std::string& text) {
 }
 
 absl::StatusOr<JobPlan> ParsePlan(std::string_view text) {
+  std::string estimate;
   ASSIGN_OR_RETURN(
-      JobPlan plan, ReadJson<JobPlan>(text, [](const json& value) {
+      JobPlan plan, ReadJson<JobPlan>(text, [&estimate](const json& value) {
         JobPlan read;
         for (const json& interval : value.at("intervals")) {
           read.intervals.push_back({.index = interval.at("index"),
@@ -232,8 +245,17 @@ absl::StatusOr<JobPlan> ParsePlan(std::string_view text) {
         for (const json& frame : value.at("frames")) {
           read.frames.push_back({.index = frame.at("index"), .time_ns = frame.at("time_ns"), .stem = frame.at("stem")});
         }
+        // Plans of earlier versions, whose depth may be taken over, have no clock.
+        if (value.contains("clock") && value.at("clock").contains("estimate")) {
+          estimate = value.at("clock").at("estimate").dump();
+        }
         return read;
       }));
+  if (!estimate.empty()) {
+    absl::StatusOr<ClockEstimate> clock = ClockEstimateFromJson(estimate);
+    if (!clock.ok()) return Disagreement(std::string(clock.status().message()));
+    plan.clock_estimate = *std::move(clock);
+  }
   return CheckPlan(std::move(plan));
 }
 

@@ -138,6 +138,25 @@ v1::UpsampleOptions Encode(const UpsampleOptions& options) {
   }
   message.mutable_without()->Assign(options.without.begin(), options.without.end());
   message.set_self_check(options.self_check);
+  message.set_causal(options.causal);
+  message.set_clock(options.clock);
+  return message;
+}
+
+v1::ClockEstimate Encode(const ClockEstimate& estimate) {
+  v1::ClockEstimate message;
+  message.set_summary(estimate.summary);
+  message.set_reason(estimate.reason);
+  message.set_reference_ns(estimate.reference_ns);
+  message.set_offset_ns(estimate.offset_ns);
+  if (estimate.offset_sigma_ns >= 0) message.set_offset_sigma_ns(estimate.offset_sigma_ns);
+  message.set_drift_ppm(estimate.drift_ppm);
+  if (estimate.drift_sigma_ppm >= 0) message.set_drift_sigma_ppm(estimate.drift_sigma_ppm);
+  if (estimate.stamp_sigma_ns >= 0) message.set_stamp_sigma_ns(estimate.stamp_sigma_ns);
+  message.set_row_time_ns(estimate.row_time_ns);
+  if (estimate.row_time_sigma_ns >= 0) message.set_row_time_sigma_ns(estimate.row_time_sigma_ns);
+  message.set_keys(estimate.keys);
+  message.set_edges(estimate.edges);
   return message;
 }
 
@@ -289,6 +308,8 @@ absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
   result.preset = preset->second;
   result.without.assign(options.without().begin(), options.without().end());
   result.self_check = options.self_check();
+  result.causal = options.causal();
+  if (!options.clock().empty()) result.clock = options.clock();
   return result;
 }
 
@@ -418,6 +439,7 @@ v1::Job Encode(const JobView& job) {
   if (record.start_time != absl::InfiniteFuture()) *message.mutable_start_time() = Encode(record.start_time);
   if (record.end_time != absl::InfiniteFuture()) *message.mutable_end_time() = Encode(record.end_time);
   if (record.self_check) *message.mutable_self_check() = Encode(*record.self_check);
+  if (record.clock_estimate) *message.mutable_clock_estimate() = Encode(*record.clock_estimate);
   return message;
 }
 
@@ -437,6 +459,7 @@ v1::JobEvent Encode(const JobEvent& event) {
       if (job.has_error()) change->mutable_error()->Swap(job.mutable_error());
       change->mutable_progress()->Swap(job.mutable_progress());
       if (job.has_self_check()) change->mutable_self_check()->Swap(job.mutable_self_check());
+      if (job.has_clock_estimate()) change->mutable_clock_estimate()->Swap(job.mutable_clock_estimate());
       break;
     }
     case JobEvent::Kind::kProgress:

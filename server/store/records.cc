@@ -4,6 +4,7 @@
 #include <array>
 
 #include "absl/strings/escaping.h"
+#include "core/sequence/clock.h"
 #include "server/store/error_info.h"
 
 namespace depthtween::server {
@@ -89,7 +90,11 @@ absl::Status UpsampleOptions::Validate() const {
   };
   if (method != "ours" && preset != UpsampleOptions().preset) return only_ours("preset");
   if (method != "ours" && !without.empty()) return only_ours("without");
+  if (method != "ours" && causal) return only_ours("causal");
   if (method != "ours" && self_check) return only_ours("self_check");
+  if (const absl::Status known = ParseClockChoice(clock).status(); !known.ok()) {
+    return bad("clock", std::string(known.message()));
+  }
   if (key_every < 1) return bad("key_every", absl::StrCat("= ", key_every, ", must be >= 1"));
   if (threads < 0 || threads > kMaxThreads) {
     return bad("threads", absl::StrCat("= ", threads, ", must be 0 (the server decides) to ", kMaxThreads));

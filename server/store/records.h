@@ -91,12 +91,14 @@ std::string_view ToString(JobState state);
 
 // The options of `depthtween-core upsample`.
 struct UpsampleOptions {
-  std::string method = "ours";  // ours, hold, nearest, linear, dolson, dolson-mode, flow-warp
-  int key_every = 1;            // every n-th depth frame is input
-  int threads = 0;              // of each child; 0: the server decides. The bits do not depend on it.
+  std::string method = "ours";   // ours, hold, nearest, linear, dolson, dolson-mode, flow-warp
+  int key_every = 1;             // every n-th depth frame is input
+  int threads = 0;               // of each child; 0: the server decides. The bits do not depend on it.
+  std::string clock = "stamps";  // of depth frames: as ParseClockChoice (core/sequence/clock.h) reads it
   // Of method "ours" alone.
   std::string preset = "balanced";   // fast, balanced, best
   std::vector<std::string> without;  // stages left out, as depthtween-core names them
+  bool causal = false;               // each frame from what had been seen by then alone
   bool self_check = false;           // measure first how good it is: see SelfCheck
 
   // InvalidArgument with field, value and rule.
@@ -132,6 +134,20 @@ struct SelfCheck {
   std::vector<Frame> worst_frames;  // the worst first
   std::optional<Floor> sensor_floor;
   double seconds = 0.0;  // wall time of the check
+};
+
+// The depth camera's clock, as depthtween-core measured it from the images. Sigmas are one standard deviation; -1 =
+// unknown.
+struct ClockEstimate {
+  std::string summary;  // in one sentence
+  std::string reason;   // why there is nothing to go by; empty if there is, and only then the rest is more than a guess
+  int64_t reference_ns = 0;
+  double offset_ns = 0.0, offset_sigma_ns = -1.0;  // the depth clock is ahead by, at reference_ns
+  double drift_ppm = 0.0, drift_sigma_ppm = -1.0;
+  double stamp_sigma_ns = -1.0;  // of a corrected stamp, at worst
+  double row_time_ns = 0.0, row_time_sigma_ns = -1.0;
+  int keys = 0;
+  int64_t edges = 0;
 };
 
 // A product that a job renders of every frame, as depthtween-core planned it from the options.
@@ -175,9 +191,10 @@ struct JobRecord {
   int intervals_total = 0;  // 0 before `prepare` has counted
   int frames_done = 0;      // stored and recorded
   int frames_total = 0;
-  double interval_seconds = 0.0;        // wall seconds, summed over the intervals done
-  std::optional<int> queue_position;    // jobs ahead, while kQueued
-  std::optional<SelfCheck> self_check;  // once it was measured, if options.self_check
+  double interval_seconds = 0.0;                // wall seconds, summed over the intervals done
+  std::optional<int> queue_position;            // jobs ahead, while kQueued
+  std::optional<SelfCheck> self_check;          // once it was measured, if options.self_check
+  std::optional<ClockEstimate> clock_estimate;  // once there is a plan, if options.clock asks for it
 
   // Over all renders.
   int RenderedFramesDone() const;
@@ -206,6 +223,7 @@ struct JobPlan {
   std::vector<PlannedInterval> intervals;
   std::vector<PlannedFrame> frames;
   bool depth_done = false;  // it was taken over from another job
+  std::optional<ClockEstimate> clock_estimate;
 };
 
 struct FrameRecord {

@@ -126,6 +126,38 @@ std::string ToJson(const SelfCheck& check) {
   return Dump(value);
 }
 
+std::string ToJson(const ClockEstimate& estimate) {
+  return Dump({{"summary", estimate.summary},
+               {"reason", estimate.reason},
+               {"reference_ns", estimate.reference_ns},
+               {"offset_ns", estimate.offset_ns},
+               {"offset_sigma_ns", estimate.offset_sigma_ns},
+               {"drift_ppm", estimate.drift_ppm},
+               {"drift_sigma_ppm", estimate.drift_sigma_ppm},
+               {"stamp_sigma_ns", estimate.stamp_sigma_ns},
+               {"row_time_ns", estimate.row_time_ns},
+               {"row_time_sigma_ns", estimate.row_time_sigma_ns},
+               {"keys", estimate.keys},
+               {"edges", estimate.edges}});
+}
+
+absl::StatusOr<ClockEstimate> ClockEstimateFromJson(const std::string& text) {
+  return Parse<ClockEstimate>(text, [](const json& value) {
+    return ClockEstimate{.summary = value.at("summary"),
+                         .reason = value.at("reason"),
+                         .reference_ns = value.at("reference_ns"),
+                         .offset_ns = value.at("offset_ns"),
+                         .offset_sigma_ns = value.at("offset_sigma_ns"),
+                         .drift_ppm = value.at("drift_ppm"),
+                         .drift_sigma_ppm = value.at("drift_sigma_ppm"),
+                         .stamp_sigma_ns = value.at("stamp_sigma_ns"),
+                         .row_time_ns = value.at("row_time_ns"),
+                         .row_time_sigma_ns = value.at("row_time_sigma_ns"),
+                         .keys = value.at("keys"),
+                         .edges = value.at("edges")};
+  });
+}
+
 absl::StatusOr<SelfCheck> SelfCheckFromJson(const std::string& text) {
   return Parse<SelfCheck>(text, [](const json& value) {
     SelfCheck check = {.summary = value.at("summary")};

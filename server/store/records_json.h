@@ -15,12 +15,15 @@ std::string ToJson(const ValidationResult& result);
 std::string ToJson(const RenderRecord& render);
 // As `depthtween-core task self-check` writes it.
 std::string ToJson(const SelfCheck& check);
+// As `depthtween-core task prepare` writes it into a plan.
+std::string ToJson(const ClockEstimate& estimate);
 
 // DataLoss for text that the functions above did not write.
 absl::StatusOr<Recording> RecordingFromJson(const std::string& text);
 absl::StatusOr<ValidationResult> ValidationResultFromJson(const std::string& text);
 absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text);
 absl::StatusOr<SelfCheck> SelfCheckFromJson(const std::string& text);
+absl::StatusOr<ClockEstimate> ClockEstimateFromJson(const std::string& text);
 
 }  // namespace depthtween::server
 

@@ -16,7 +16,7 @@ constexpr char kJobColumns[] =
     "SELECT id, number, display_name, sequence_id, method, key_every, threads, recording, state, attempt, error_code, "
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, "
-    "interval_seconds, depth_from, preset, without, self_check, self_check_result, "
+    "interval_seconds, depth_from, preset, without, self_check, self_check_result, causal, clock, clock_estimate, "
     "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
@@ -31,8 +31,10 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .options = {.method = row.Text(4),
                                .key_every = row.Int(5),
                                .threads = row.Int(6),
+                               .clock = row.Text(26),
                                .preset = row.Text(21),
                                .without = absl::StrSplit(row.Text(22), ',', absl::SkipEmpty()),
+                               .causal = row.Int(25) != 0,
                                .self_check = row.Int(23) != 0},
                    .depth_from = row.Text(20),
                    .state = static_cast<JobState>(row.Int(8)),
@@ -46,10 +48,13 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(25);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(28);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
   if (!row.IsNull(24)) {
     ASSIGN_OR_RETURN(job.self_check, SelfCheckFromJson(row.Text(24)));
+  }
+  if (!row.IsNull(27)) {
+    ASSIGN_OR_RETURN(job.clock_estimate, ClockEstimateFromJson(row.Text(27)));
   }
   return job;
 }
@@ -61,6 +66,8 @@ std::string Fingerprint(const NewJob& job) {
   // Jobs without what came later keep the fingerprint they had before.
   if (job.options.preset != UpsampleOptions().preset) hash.Update("\npreset " + job.options.preset);
   for (const std::string& part : job.options.without) hash.Update("\nwithout " + part);
+  if (job.options.causal) hash.Update("\ncausal");
+  if (job.options.clock != UpsampleOptions().clock) hash.Update("\nclock " + job.options.clock);
   if (job.options.self_check) hash.Update("\nself_check");
   if (!job.depth_from.empty()) hash.Update(absl::StrCat("\ndepth_from ", job.depth_from));
   for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
@@ -112,7 +119,8 @@ absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
   }
   if (from.sequence_id != job.sequence_id || from.options.method != job.options.method ||
       from.options.key_every != job.options.key_every || from.options.preset != job.options.preset ||
-      from.options.without != job.options.without) {
+      from.options.without != job.options.without || from.options.causal != job.options.causal ||
+      from.options.clock != job.options.clock) {
     return BadField("job.depth_from",
                     absl::StrCat("job.depth_from = ", name,
                                  ", must have the sequence of this job and all of its options but threads and "
@@ -170,12 +178,12 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
-        "create_time_us, depth_from, preset, without, self_check, self_check_result) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "create_time_us, depth_from, preset, without, self_check, self_check_result, causal, clock) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
          job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
          job.options.preset, absl::StrJoin(job.options.without, ","), job.options.self_check,
-         self_check ? SqlValue(ToJson(*self_check)) : nullptr}));
+         self_check ? SqlValue(ToJson(*self_check)) : nullptr, job.options.causal, job.options.clock}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(

@@ -197,8 +197,10 @@ absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {
                                        {row.job, frame.index, frame.time_ns, frame.stem, interval.index}));
       }
     }
-    RETURN_IF_ERROR(database_->Run("UPDATE jobs SET intervals_total = ?, frames_total = ? WHERE number = ?",
-                                   {plan.intervals.size(), plan.frames.size(), row.job}));
+    RETURN_IF_ERROR(
+        database_->Run("UPDATE jobs SET intervals_total = ?, frames_total = ?, clock_estimate = ? WHERE number = ?",
+                       {plan.intervals.size(), plan.frames.size(),
+                        plan.clock_estimate ? SqlValue(ToJson(*plan.clock_estimate)) : nullptr, row.job}));
     if (plan.depth_done) {
       RETURN_IF_ERROR(database_->Run(
           "UPDATE jobs SET intervals_done = intervals_total, frames_done = frames_total WHERE number = ?", {row.job}));

@@ -33,12 +33,25 @@ class MainJobTest(harness.IntegrationTest):
                 self.assertEqual(sorted(report), sorted(local_report))
 
     def test_options_are_those_of_the_local_command(self):
-        options = ["--method", "linear", "--key-every", "2"]
-        local = self.folder / "local"
-        harness.upsample(self.sequence, local, *options)
+        asked = {"linear": ["--method", "linear", "--key-every", "2", "--clock", "2,300"],
+                 "causal": ["--causal", "--clock", "estimate"]}
         with Server(self.folder / "data") as server:
-            check(server.client("submit", self.sequence, "-o", self.folder / "out", *options))
-            self.assert_same_result(self.folder / "out", local)
+            for name, options in asked.items():
+                with self.subTest(name):
+                    local, out = self.folder / f"local_{name}", self.folder / f"out_{name}"
+                    harness.upsample(self.sequence, local, *options)
+                    submitted = server.client_json("submit", self.sequence, "-o", str(out), *options)
+                    self.assert_same_result(out, local)
+                    clock = json.loads((local / "report.json").read_text())["clock"]
+                    self.assertEqual(clock, json.loads((out / "report.json").read_text())["clock"])
+                    self.assertEqual("estimate" in clock, name == "causal")
+                    if "estimate" in clock:
+                        # Five depth frames are too few to tell clocks by: the job says so.
+                        estimate = submitted["job"]["clockEstimate"]
+                        self.assertEqual(estimate["reason"], clock["estimate"]["reason"])
+                        self.assertIn("too few", estimate["reason"])
+                        status = check(server.client("status", submitted["job"]["name"])).stdout
+                        self.assertIn(clock["estimate"]["summary"], status)
 
     def test_self_check_is_that_of_the_local_command(self):
         local = self.folder / "local"

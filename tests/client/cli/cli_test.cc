@@ -91,5 +91,24 @@ TEST(DescribeMeasured, SelfCheckIsASmallTable) {
             "worst frames: 000017 (9.0 mm)\n");
 }
 
+TEST(DescribeMeasured, ClockIsAnEstimateOrTheReasonWhyThereIsNone) {
+  v1::Job job;
+  v1::ClockEstimate& clock = *job.mutable_clock_estimate();
+  clock.set_summary("the depth camera's clock is 4.00 ms ahead");
+  clock.set_stamp_sigma_ns(60'000);
+  clock.set_row_time_ns(12'000);
+  clock.set_row_time_sigma_ns(800);
+  EXPECT_EQ(DescribeMeasured(job),
+            "clock: the depth camera's clock is 4.00 ms ahead\n"
+            "corrected stamps are right to +-0.06 ms; rows of colour come 12.0 us after one another (+-0.8 us)\n");
+  clock.set_summary("the images do not tell: nothing moves");
+  clock.set_reason("nothing moves");
+  EXPECT_EQ(DescribeMeasured(job), "clock: the images do not tell: nothing moves; the stamps are kept\n");
+  job.mutable_self_check()->set_summary("no self-check: too short");
+  job.mutable_self_check()->set_reason("too short");
+  EXPECT_EQ(DescribeMeasured(job),
+            "no self-check: too short\nclock: the images do not tell: nothing moves; the stamps are kept\n");
+}
+
 }  // namespace
 }  // namespace depthtween::cli

@@ -118,10 +118,14 @@ TEST_F(ClientTest, SubmittingAgainIsTheSameRequestAndOtherOptionsAnother) {
   with([](v1::UpsampleOptions& options) { options.set_preset(v1::UpsampleOptions::PRESET_FAST); });
   with([](v1::UpsampleOptions& options) { options.add_without("draw"); });
   with([](v1::UpsampleOptions& options) { options.set_self_check(true); });
+  with([](v1::UpsampleOptions& options) { options.set_causal(true); });
+  with([](v1::UpsampleOptions& options) { options.set_clock("4,300"); });
+  with([](v1::UpsampleOptions& options) { options.set_clock("stamps"); });
   const auto& ids = server_.jobs.request_ids;
-  ASSERT_EQ(ids.size(), 7U);
+  ASSERT_EQ(ids.size(), 10U);
   EXPECT_EQ(ids[0], ids[1]);
-  EXPECT_EQ(std::set<std::string>(ids.begin(), ids.end()).size(), 6U);
+  EXPECT_EQ(ids[0], ids[9]) << "said or not, it is the default";
+  EXPECT_EQ(std::set<std::string>(ids.begin(), ids.end()).size(), 8U);
   EXPECT_EQ(server_.jobs.retries, 0);
 }
 
@@ -146,6 +150,7 @@ TEST_F(ClientTest, WatchGoesOnAfterTheEventItSawLast) {
   event.set_resume_token("measured");
   event.mutable_state_change()->set_state(v1::Job::STATE_RUNNING);
   event.mutable_state_change()->mutable_self_check()->set_summary("good");
+  event.mutable_state_change()->mutable_clock_estimate()->set_summary(", ahead");
   server_.jobs.events.push_back(event);
   event.mutable_state_change()->Clear();
   event.set_resume_token("three");
@@ -158,12 +163,12 @@ TEST_F(ClientTest, WatchGoesOnAfterTheEventItSawLast) {
   const auto job = WatchJob(*connection_, "jobs/1", [&](const v1::JobEvent& event, const v1::Job& job) {
     seen.push_back(event.resume_token());
     if (event.has_frames_ready()) frames_done = job.progress().frames_done();
-    measured = job.self_check().summary();
+    measured = job.self_check().summary() + job.clock_estimate().summary();
   });
   ASSERT_TRUE(job.ok()) << job.status();
   EXPECT_THAT(seen, ElementsAre("one", "two", "measured", "three"));
   EXPECT_EQ(frames_done, 4);
-  EXPECT_EQ(measured, "good") << "what was measured stays";
+  EXPECT_EQ(measured, "good, ahead") << "what was measured stays";
   EXPECT_THAT(server_.jobs.resume_tokens, ElementsAre("", "one"));
   EXPECT_EQ(job->state(), v1::Job::STATE_SUCCEEDED);
   EXPECT_EQ(job->end_time().seconds(), 1);

@@ -86,5 +86,23 @@ TEST(PairDepthByIndex, IgnoresStamps) {
   for (int k = 0; k < 3; ++k) EXPECT_EQ(paired.depth[k].time_ns, kEpoch + k * 4'000'000);
 }
 
+// The forms that the header lists, and what is none of them.
+TEST(ClockChoice, IsReadAsWritten) {
+  EXPECT_EQ(ParseClockChoice("stamps")->mode, ClockChoice::Mode::kStamps);
+  EXPECT_EQ(ParseClockChoice("index")->mode, ClockChoice::Mode::kIndex);
+  EXPECT_EQ(ParseClockChoice("estimate")->mode, ClockChoice::Mode::kEstimate);
+  const auto offset = ParseClockChoice("-2.5");
+  ASSERT_TRUE(offset.ok()) << offset.status();
+  EXPECT_EQ(offset->mode, ClockChoice::Mode::kGiven);
+  EXPECT_EQ(offset->offset_ms, -2.5);
+  EXPECT_EQ(offset->drift_ppm, 0.0);
+  EXPECT_EQ(ParseClockChoice("4,3000")->drift_ppm, 3000.0);
+  for (const char* wrong : {"", "sundial", "4,", "4,5,6", "nan", "1e12", "\x1b"})
+    EXPECT_EQ(ParseClockChoice(wrong).status().code(), absl::StatusCode::kInvalidArgument) << wrong;
+  EXPECT_THAT(std::string(ParseClockChoice("sundial").status().message()),
+              testing::HasSubstr("'sundial', must be stamps, index"));
+  EXPECT_FALSE(ParseClockChoice("4" + std::string(64, ' ')).ok()) << "too long to be kept";
+}
+
 }  // namespace
 }  // namespace depthtween

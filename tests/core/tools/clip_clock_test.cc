@@ -11,23 +11,6 @@ namespace {
 
 using testing::HasSubstr;
 
-// The forms that the header lists, and what is none of them.
-TEST(ClockChoice, IsReadAsWritten) {
-  EXPECT_EQ(ParseClockChoice("stamps")->mode, ClockChoice::Mode::kStamps);
-  EXPECT_EQ(ParseClockChoice("index")->mode, ClockChoice::Mode::kIndex);
-  EXPECT_EQ(ParseClockChoice("estimate")->mode, ClockChoice::Mode::kEstimate);
-  const auto offset = ParseClockChoice("-2.5");
-  ASSERT_TRUE(offset.ok()) << offset.status();
-  EXPECT_EQ(offset->mode, ClockChoice::Mode::kGiven);
-  EXPECT_EQ(offset->offset_ms, -2.5);
-  EXPECT_EQ(offset->drift_ppm, 0.0);
-  EXPECT_EQ(ParseClockChoice("4,3000")->drift_ppm, 3000.0);
-  for (const char* wrong : {"", "sundial", "4,", "4,5,6", "nan", "1e12"})
-    EXPECT_EQ(ParseClockChoice(wrong).status().code(), absl::StatusCode::kInvalidArgument) << wrong;
-  EXPECT_THAT(std::string(ParseClockChoice("sundial").status().message()),
-              HasSubstr("'sundial', must be stamps, index"));
-}
-
 // Every bit must come back: all tasks of a job see the same stamps. Where nothing is told, stamps are right.
 TEST(ClipClock, SurvivesJson) {
   const ClipClock clock{.model = {.reference_ns = 1305031232193716000, .offset_ns = 1e6 / 3, .drift_ppm = -1.0 / 7},

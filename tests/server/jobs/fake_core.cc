@@ -104,7 +104,13 @@ void Prepare(int intervals) {
                 std::to_string(1000 * frame) + R"(,"stem":")" + Stem(frame) + "\"}";
     }
   }
-  WriteFile(options["--constants"], R"({"constants":{},"intervals":[)" + list + R"(],"frames":[)" + frames + "]}");
+  const bool estimate = ReadFile(options["--options"]).find(R"("clock":"estimate")") != std::string::npos;
+  const std::string clock = estimate ? R"(,"clock":{"estimate":{"summary":"4 ms ahead","reason":"","reference_ns":10,
+"offset_ns":4e6,"offset_sigma_ns":5e4,"drift_ppm":300,"drift_sigma_ppm":20,"stamp_sigma_ns":6e4,"row_time_ns":12000,
+"row_time_sigma_ns":-1,"keys":66,"edges":70000}})"
+                                     : "";
+  WriteFile(options["--constants"],
+            R"({"constants":{},"intervals":[)" + list + R"(],"frames":[)" + frames + "]" + clock + "}");
 }
 
 void CheckSelf() {

@@ -46,7 +46,8 @@ TEST_F(JobManagerTest, WholeLife) {
   }
   // fake_core reports the options it was given; threads is what the server decided.
   EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
-            R"({"key_every":2,"method":"ours","preset":"balanced","self_check":false,"threads":1,"without":[]})");
+            R"({"causal":false,"clock":"stamps","key_every":2,"method":"ours","preset":"balanced","self_check":false,)"
+            R"("threads":1,"without":[]})");
   WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
 
   EXPECT_THAT(jobs_->Delete(job), IsOk());

@@ -37,12 +37,13 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
       ElementsAre("core", "task", "assemble", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--constants",
                   "C", "--out", "D", "--self-check", "X"));
   EXPECT_EQ(OptionsJson({}, {{.options = R"({"name":"a"})"}, {.options = "{}", .uses_motion = true}}),
-            R"({"keep_motion":true,"key_every":1,"method":"ours","preset":"balanced","renders":[{"name":"a"},{}],)"
-            R"("self_check":false,"threads":0,"without":[]})");
-  EXPECT_EQ(OptionsJson({.preset = "fast", .without = {"draw"}, .self_check = true}),
-            R"({"key_every":1,"method":"ours","preset":"fast","self_check":true,"threads":0,"without":["draw"]})");
+            R"({"causal":false,"clock":"stamps","keep_motion":true,"key_every":1,"method":"ours","preset":"balanced",)"
+            R"("renders":[{"name":"a"},{}],"self_check":false,"threads":0,"without":[]})");
+  EXPECT_EQ(OptionsJson({.clock = "4,300", .preset = "fast", .without = {"draw"}, .causal = true, .self_check = true}),
+            R"({"causal":true,"clock":"4,300","key_every":1,"method":"ours","preset":"fast","self_check":true,)"
+            R"("threads":0,"without":["draw"]})");
   EXPECT_EQ(OptionsJson({.method = "hold", .key_every = 3, .threads = 2}),
-            R"({"key_every":3,"method":"hold","threads":2})");
+            R"({"clock":"stamps","key_every":3,"method":"hold","threads":2})");
 }
 
 TEST(TaskProtocol, ProgressLines) {
@@ -89,6 +90,29 @@ TEST(TaskProtocol, PlansAreChecked) {
   for (const char* stem : {"", "../x", "/etc/passwd", ".x", "a/b"}) {
     EXPECT_THAT(plan(interval, std::string(R"({"index":0,"time_ns":0,"stem":")") + stem + "\"}"), is_refused) << stem;
   }
+}
+
+TEST(TaskProtocol, APlanTellsTheClock) {
+  const auto plan = [](const std::string& clock) {
+    return ParsePlan(R"({"intervals":[{"index":0,"first_frame":0,"frame_count":1,"held":true}],"frames":)"
+                     R"([{"index":0,"time_ns":-7,"stem":"a"}],"clock":{"offset_ns":4e6)" +
+                     clock + "}}");
+  };
+  const auto estimate = [&plan](const std::string& reason, const std::string& offset) {
+    return plan(R"(,"estimate":{"trusted":true,"summary":"s","reason":")" + reason +
+                R"(","reference_ns":5,"offset_ns":)" + offset +
+                R"(,"offset_sigma_ns":1,"drift_ppm":2,"drift_sigma_ppm":-1,"stamp_sigma_ns":3,"row_time_ns":4,)"
+                R"("row_time_sigma_ns":-1,"keys":6,"edges":7})");
+  };
+  EXPECT_FALSE(Take(plan("")).clock_estimate.has_value()) << "none was asked for";
+  const ClockEstimate good = *Take(estimate("", "4e6")).clock_estimate;
+  EXPECT_EQ(good.offset_ns, 4e6);
+  EXPECT_EQ(good.drift_sigma_ppm, -1);
+  EXPECT_EQ(good.edges, 7);
+  const auto is_refused = HasCode(absl::StatusCode::kInternal);
+  EXPECT_THAT(estimate("", "\"4\""), is_refused);
+  EXPECT_THAT(estimate(std::string(3000, 'x'), "4"), is_refused);
+  EXPECT_THAT(plan(R"(,"estimate":{})"), is_refused);
 }
 
 TEST(TaskProtocol, SelfChecksAreChecked) {

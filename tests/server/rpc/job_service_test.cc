@@ -135,6 +135,17 @@ TEST_F(JobServiceTest, BadRequestsNameTheirField) {
   request.mutable_job()->mutable_options()->set_method(v1::UpsampleOptions::METHOD_HOLD);
   request.mutable_job()->mutable_options()->set_self_check(true);
   EXPECT_THAT(Create(request, &job), FailsAtField("job.options.self_check"));
+  request.mutable_job()->mutable_options()->set_self_check(false);
+  request.mutable_job()->mutable_options()->set_causal(true);
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.causal"));
+  request.mutable_job()->mutable_options()->set_causal(false);
+  for (const std::string clock : {"sundial", "4,", "nan", "4,1e12"}) {
+    request.mutable_job()->mutable_options()->set_clock(clock);
+    EXPECT_THAT(Create(request, &job), FailsAtField("job.options.clock")) << clock;
+  }
+  request.mutable_job()->mutable_options()->set_clock("-4.5,300");
+  ASSERT_THAT(Create(request, &job), Succeeds());
+  EXPECT_EQ(job.options().clock(), "-4.5,300");
   v1::ListJobsResponse list;
   EXPECT_THAT(List("state = DONE", &list), FailsAtField("filter"));
   EXPECT_THAT(List("owner = me", &list), FailsAtField("filter"));
@@ -320,6 +331,33 @@ TEST_F(JobServiceTest, ASelfCheckIsPartOfTheJob) {
   EXPECT_EQ(check.worst_frames(0).rmse_mm(), 8);
   EXPECT_EQ(check.sensor_floor_rmse_mm(), 2);
   EXPECT_EQ(check.sensor_floor_mae_mm(), 1);
+}
+
+TEST_F(JobServiceTest, AClockThatWasMeasuredIsPartOfTheJob) {
+  v1::CreateJobRequest request = Request(ReadySequence().name());
+  request.mutable_job()->mutable_options()->set_causal(true);
+  request.mutable_job()->mutable_options()->set_clock("estimate");
+  v1::Job job;
+  ASSERT_THAT(Create(request, &job), Succeeds());
+  job = WaitUntilEnded(job.name());
+  EXPECT_TRUE(job.options().causal());
+  EXPECT_EQ(job.options().clock(), "estimate");
+  const v1::ClockEstimate& clock = job.clock_estimate();
+  EXPECT_EQ(clock.summary(), "4 ms ahead");
+  EXPECT_EQ(clock.reason(), "");
+  EXPECT_EQ(clock.reference_ns(), 10);
+  EXPECT_EQ(clock.offset_ns(), 4e6);
+  EXPECT_EQ(clock.offset_sigma_ns(), 5e4);
+  EXPECT_EQ(clock.drift_ppm(), 300);
+  EXPECT_EQ(clock.drift_sigma_ppm(), 20);
+  EXPECT_EQ(clock.stamp_sigma_ns(), 6e4);
+  EXPECT_EQ(clock.row_time_ns(), 12000);
+  EXPECT_FALSE(clock.has_row_time_sigma_ns()) << "unknown";
+  EXPECT_EQ(clock.keys(), 66);
+  EXPECT_EQ(clock.edges(), 70000);
+  job = WaitUntilEnded(CreateJob(ReadySequence()).name());
+  EXPECT_EQ(job.options().clock(), "stamps");
+  EXPECT_FALSE(job.has_clock_estimate());
 }
 
 TEST_F(JobServiceTest, AResumedWatchGoesOnWithoutGap) {

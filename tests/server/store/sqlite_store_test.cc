@@ -52,13 +52,12 @@ TEST(SqliteStore, WorkOfAnOlderServerGoesOn) {
   EXPECT_EQ(Take(store->ClaimTask(all))->number, 4) << "3 was used, even if its row is gone";
 }
 
-// A file of the schema before self-checks, with a job that runs: it reads as it was, and its work goes on.
-TEST(SqliteStore, JobsFromBeforeSelfChecksGoOn) {
-  const TemporaryFolder folder;
-  {
-    const auto database = Take(Database::Open(folder / "s.sqlite"));
-    for (int step = 0; step < 3; ++step) EXPECT_THAT(database->RunScript(SchemaSteps()[step]), IsOk());
-    EXPECT_THAT(database->RunScript(R"(
+// The file of a server that knew `version` steps, with a sequence "s" that is ready, a job "j" that runs, and what
+// `script` adds.
+void WriteOldFile(const std::string& file, int version, const std::string& script) {
+  const auto database = Take(Database::Open(file));
+  for (int step = 0; step < version; ++step) EXPECT_THAT(database->RunScript(SchemaSteps()[step]), IsOk());
+  EXPECT_THAT(database->RunScript(R"(
       INSERT INTO sequences (id, display_name, state, create_time_us, update_time_us, validation) VALUES
         ('s', '', 3, 0, 0, '{"violations": [], "warnings": [], "error": {"code": 0, "message": ""}, "recording":
           {"camera": {"width": 4, "height": 3, "fx": 5, "fy": 5, "cx": 1.5, "cy": 1, "k1": 0, "k2": 0, "p1": 0,
@@ -67,14 +66,21 @@ TEST(SqliteStore, JobsFromBeforeSelfChecksGoOn) {
       INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, create_time_us,
                         intervals_total, intervals_done, frames_total, frames_done, preset, without)
         SELECT 'j', 'old', 's', json_extract(validation, '$.recording'), 'ours', 2, 0, 2, 7, 2, 1, 4, 2, 'fast', 'draw'
-        FROM sequences;
+        FROM sequences;)"),
+              IsOk());
+  EXPECT_THAT(database->RunScript(script), IsOk());
+  EXPECT_THAT(database->RunScript(absl::StrFormat("PRAGMA user_version = %d", version)), IsOk());
+}
+
+// A file of the schema before self-checks, with a job that runs: it reads as it was, and its work goes on.
+TEST(SqliteStore, JobsFromBeforeSelfChecksGoOn) {
+  const TemporaryFolder folder;
+  WriteOldFile(folder / "s.sqlite", 3, R"(
       INSERT INTO tasks (kind, job, first_interval, interval_count, running, render) VALUES
         (2, 1, 0, 0, 0, 0), (3, 1, 0, 1, 0, 0), (5, 1, 1, 1, 1, 3);
       DELETE FROM tasks WHERE number < 3;
-      INSERT INTO intervals (job, idx, first_frame, frame_count, held, done) VALUES (1, 0, 0, 2, 0, 1), (1, 1, 2, 2, 0, 0);
-      PRAGMA user_version = 3)"),
-                IsOk());
-  }
+      INSERT INTO intervals (job, idx, first_frame, frame_count, held, done) VALUES (1, 0, 0, 2, 0, 1), (1, 1, 2, 2, 0, 0)
+      )");
   const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
   const JobRecord job = Take(store->GetJob("j"));
   EXPECT_EQ(job.display_name, "old");
@@ -92,6 +98,22 @@ TEST(SqliteStore, JobsFromBeforeSelfChecksGoOn) {
   EXPECT_EQ(next.number, 4) << "numbers go on";
   EXPECT_THAT(store->CreateJob({.sequence_id = "s", .options = {.self_check = true}}, "", false), IsOk());
   EXPECT_EQ(Take(store->ClaimTask(one))->kind, TaskKind::kSelfCheck);
+}
+
+// A file of the schema before clocks: its jobs take depth stamps as they are, and keep what they measured.
+TEST(SqliteStore, JobsFromBeforeClocksGoOn) {
+  const TemporaryFolder folder;
+  WriteOldFile(folder / "s.sqlite", 4, R"(
+      UPDATE jobs SET self_check = 1, self_check_result = '{"summary": "s", "reason": "too short"}';
+      INSERT INTO tasks (kind, job) VALUES (6, 1))");
+  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  const JobRecord job = Take(store->GetJob("j"));
+  EXPECT_EQ(job.options.clock, "stamps");
+  EXPECT_FALSE(job.options.causal);
+  EXPECT_FALSE(job.clock_estimate.has_value());
+  EXPECT_TRUE(job.options.self_check);
+  EXPECT_EQ(job.self_check->reason, "too short");
+  EXPECT_EQ(Take(store->ClaimTask([](const JobRecord&, TaskKind) { return 1; }))->kind, TaskKind::kSelfCheck);
 }
 
 TEST(SqliteStore, RefusesTheFileOfANewerServer) {

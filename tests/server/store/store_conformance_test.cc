@@ -656,6 +656,50 @@ TEST_P(StoreConformance, SelfCheckThatFailsIsTriedAgainWithTheJob) {
   ExpectSame(Job(id).self_check, {.summary = "s", .reason = "too short"});
 }
 
+// ---- clock ----
+
+TEST_P(StoreConformance, ClockAndItsEstimateSurviveReopening) {
+  const std::string sequence = ReadySequence().id;
+  const NewJob order = {.sequence_id = sequence, .options = {.clock = "estimate", .causal = true}};
+  const std::string id = Take(store().CreateJob(order, "r", false)).id;
+  for (const UpsampleOptions& other : {UpsampleOptions{.clock = "estimate"}, UpsampleOptions{.causal = true}}) {
+    EXPECT_THAT(store().CreateJob({.sequence_id = sequence, .options = other}, "r", false),
+                HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+  }
+  const ClockEstimate estimate = {.summary = "4 ms ahead",
+                                  .reason = "nothing moves",
+                                  .reference_ns = 1305031102175304000,
+                                  .offset_ns = 4e6 / 3,
+                                  .offset_sigma_ns = 5.5,
+                                  .drift_ppm = -300.25,
+                                  .drift_sigma_ppm = 20,
+                                  .stamp_sigma_ns = 7,
+                                  .row_time_ns = 12000,
+                                  .row_time_sigma_ns = 800,
+                                  .keys = 66,
+                                  .edges = int64_t{1} << 40};
+  JobPlan plan = PlanOf(2);
+  plan.clock_estimate = estimate;
+  EXPECT_THAT(store().FinishPrepare(Claim().number, plan), IsOk());
+  Open();
+  const JobRecord job = Job(id);
+  EXPECT_EQ(job.options.clock, "estimate");
+  EXPECT_TRUE(job.options.causal);
+  ASSERT_TRUE(job.clock_estimate.has_value());
+  EXPECT_EQ(job.clock_estimate->summary, estimate.summary);
+  EXPECT_EQ(job.clock_estimate->reason, estimate.reason);
+  EXPECT_EQ(job.clock_estimate->reference_ns, estimate.reference_ns);
+  EXPECT_EQ(job.clock_estimate->offset_ns, estimate.offset_ns);
+  EXPECT_EQ(job.clock_estimate->offset_sigma_ns, estimate.offset_sigma_ns);
+  EXPECT_EQ(job.clock_estimate->drift_ppm, estimate.drift_ppm);
+  EXPECT_EQ(job.clock_estimate->drift_sigma_ppm, estimate.drift_sigma_ppm);
+  EXPECT_EQ(job.clock_estimate->stamp_sigma_ns, estimate.stamp_sigma_ns);
+  EXPECT_EQ(job.clock_estimate->row_time_ns, estimate.row_time_ns);
+  EXPECT_EQ(job.clock_estimate->row_time_sigma_ns, estimate.row_time_sigma_ns);
+  EXPECT_EQ(job.clock_estimate->keys, estimate.keys);
+  EXPECT_EQ(job.clock_estimate->edges, estimate.edges);
+}
+
 // ---- renders ----
 
 RenderRecord RenderOf(const std::string& name, int reach_frames, int anchor_frame = -1) {
@@ -782,6 +826,12 @@ TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
   order.options.preset = "fast";
   EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   order.options.preset = "balanced";
+  order.options.causal = true;
+  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  order.options.causal = false;
+  order.options.clock = "4";
+  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  order.options.clock = "stamps";
   order.renders.clear();
   EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   order.renders = {RenderOf("a", 2)};
