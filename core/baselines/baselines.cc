@@ -8,12 +8,6 @@
 
 namespace depthtween {
 
-const std::vector<std::string>& BaselineNames() {
-  static const auto* const kNames =
-      new std::vector<std::string>{"hold", "nearest", "linear", "dolson", "dolson-mode", "flow-warp"};
-  return *kNames;
-}
-
 const std::vector<std::string>& QuickBaselineNames() {
   static const auto* const kNames = new std::vector<std::string>{"hold", "nearest", "linear", "flow-warp"};
   return *kNames;

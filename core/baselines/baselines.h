@@ -20,12 +20,11 @@
 #include <vector>
 
 #include "core/base/status.h"
+#include "core/sequence/upsample_names.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {
 
-// All names, in the order that tables show them.
-const std::vector<std::string>& BaselineNames();
 // Those that cost less than the upsampling they are compared with: "hold", "nearest", "linear", "flow-warp".
 const std::vector<std::string>& QuickBaselineNames();
 

@@ -48,15 +48,6 @@ json IntervalToJson(const Interval& interval) {
 
 }  // namespace
 
-const std::vector<std::string>& UpsampleMethods() {
-  static const std::vector<std::string> methods = [] {
-    std::vector<std::string> names = BaselineNames();
-    names.insert(names.begin(), "ours");
-    return names;
-  }();
-  return methods;
-}
-
 absl::Status UpsampleOptions::Validate() const {
   const auto contains = [](const std::vector<std::string>& names, const std::string& name) {
     return std::find(names.begin(), names.end(), name) != names.end();

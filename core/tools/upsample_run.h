@@ -16,6 +16,7 @@
 
 #include "core/base/status.h"
 #include "core/io/result_folder.h"
+#include "core/sequence/upsample_names.h"
 #include "core/tools/clip_clock.h"
 #include "core/upsample/upsampler.h"
 
@@ -40,9 +41,6 @@ struct UpsampleOptions {
   // InvalidArgument about "options.FIELD", which FieldOf (render_options.h) gives.
   absl::Status Validate() const;
 };
-
-// "ours" and the baselines.
-const std::vector<std::string>& UpsampleMethods();
 
 nlohmann::json ToJson(const UpsampleOptions& options);
 // Fields left out keep their defaults. InvalidArgument names an unknown or wrong field.

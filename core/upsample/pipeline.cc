@@ -398,17 +398,6 @@ class Pipeline : public Upsampler {
 
 }  // namespace
 
-const std::vector<std::string>& PresetNames() {
-  static const auto* const kNames = new std::vector<std::string>{"fast", "balanced", "best"};
-  return *kNames;
-}
-
-const std::vector<std::string>& PartNames() {
-  static const auto* const kNames =
-      new std::vector<std::string>{"settle", "draw", "propagation", "median", "witnesses", "silhouettes"};
-  return *kNames;
-}
-
 absl::StatusOr<PipelineOptions> PipelineOptions::ForPreset(std::string_view name) {
   if (name == "fast")
     return PipelineOptions{

@@ -14,15 +14,11 @@
 #include <string_view>
 #include <vector>
 
+#include "core/sequence/upsample_names.h"
 #include "core/upsample/silhouettes.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {
-
-// From the fastest to the most accurate: "fast", "balanced" (the default), "best".
-const std::vector<std::string>& PresetNames();
-// The stages that `PipelineOptions::SwitchOff` knows, for ablations.
-const std::vector<std::string>& PartNames();
 
 struct PipelineOptions {
   // Sweeps of propagation between neighbouring pixels where the match is uncertain. >= 0.

@@ -5,6 +5,7 @@
 
 #include "absl/strings/escaping.h"
 #include "core/sequence/clock.h"
+#include "core/sequence/upsample_names.h"
 #include "server/store/error_info.h"
 
 namespace depthtween::server {
@@ -70,21 +71,17 @@ bool JobRecord::IsComputed() const {
 }
 
 absl::Status UpsampleOptions::Validate() const {
-  using Names = std::vector<std::string>;
-  static const auto& methods = *new Names{"ours", "hold", "nearest", "linear", "dolson", "dolson-mode", "flow-warp"};
-  static const auto& presets = *new Names{"fast", "balanced", "best"};
-  static const auto& parts = *new Names{"settle", "draw", "propagation", "median", "witnesses", "silhouettes"};
   constexpr int kMaxThreads = 256;
   const auto bad = [](const std::string& field, const std::string& message) {
     return BadField("job.options." + field, absl::StrCat("UpsampleOptions.", field, " ", message));
   };
-  const auto check = [&](const char* field, const std::string& name, const Names& known) {
+  const auto check = [&](const char* field, const std::string& name, const std::vector<std::string>& known) {
     if (std::find(known.begin(), known.end(), name) != known.end()) return absl::OkStatus();
     return bad(field, absl::StrCat("= \"", absl::CEscape(name), "\", must be one of: ", absl::StrJoin(known, ", ")));
   };
-  RETURN_IF_ERROR(check("method", method, methods));
-  RETURN_IF_ERROR(check("preset", preset, presets));
-  for (const std::string& part : without) RETURN_IF_ERROR(check("without", part, parts));
+  RETURN_IF_ERROR(check("method", method, UpsampleMethods()));
+  RETURN_IF_ERROR(check("preset", preset, PresetNames()));
+  for (const std::string& part : without) RETURN_IF_ERROR(check("without", part, PartNames()));
   const auto only_ours = [&](const char* field) {
     return bad(field, absl::StrCat("is for method \"ours\" alone, and the method is \"", method, "\""));
   };

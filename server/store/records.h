@@ -91,13 +91,13 @@ std::string_view ToString(JobState state);
 
 // The options of `depthtween-core upsample`.
 struct UpsampleOptions {
-  std::string method = "ours";   // ours, hold, nearest, linear, dolson, dolson-mode, flow-warp
+  std::string method = "ours";   // of UpsampleMethods() (core/sequence/upsample_names.h)
   int key_every = 1;             // every n-th depth frame is input
   int threads = 0;               // of each child; 0: the server decides. The bits do not depend on it.
   std::string clock = "stamps";  // of depth frames: as ParseClockChoice (core/sequence/clock.h) reads it
   // Of method "ours" alone.
-  std::string preset = "balanced";   // fast, balanced, best
-  std::vector<std::string> without;  // stages left out, as depthtween-core names them
+  std::string preset = "balanced";   // of PresetNames()
+  std::vector<std::string> without;  // of PartNames(): stages left out
   bool causal = false;               // each frame from what had been seen by then alone
   bool self_check = false;           // measure first how good it is: see SelfCheck
 

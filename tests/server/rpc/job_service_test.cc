@@ -1,5 +1,8 @@
+#include <set>
 #include <thread>
 
+#include "core/sequence/upsample_names.h"
+#include "server/rpc/encode.h"
 #include "tests/server/rpc/rpc_fixture.h"
 
 namespace depthtween::server {
@@ -157,6 +160,24 @@ TEST_F(JobServiceTest, BadRequestsNameTheirField) {
     grpc::ClientContext context;
     EXPECT_THAT(Watch(&context, name)->Finish(), FailsAtField("name"));
   }
+}
+
+// Every value of the enums is one that core knows, and none is missing.
+TEST(JobOptions, EnumsNameWhatCoreKnows) {
+  std::set<std::string> methods, presets;
+  v1::UpsampleOptions options;
+  const auto* method = v1::UpsampleOptions::Method_descriptor();
+  for (int i = 0; i < method->value_count(); ++i) {
+    options.set_method(static_cast<v1::UpsampleOptions::Method>(method->value(i)->number()));
+    methods.insert(Take(Decode(options)).method);
+  }
+  const auto* preset = v1::UpsampleOptions::Preset_descriptor();
+  for (int i = 0; i < preset->value_count(); ++i) {
+    options.set_preset(static_cast<v1::UpsampleOptions::Preset>(preset->value(i)->number()));
+    presets.insert(Take(Decode(options)).preset);
+  }
+  EXPECT_THAT(methods, testing::UnorderedElementsAreArray(UpsampleMethods()));
+  EXPECT_THAT(presets, testing::UnorderedElementsAreArray(PresetNames()));
 }
 
 TEST_F(JobServiceTest, UnknownIdsAreNotFound) {

@@ -1,0 +1,24 @@
+// The words by which an upsampling is asked for. They lie here, below all that computes, because a server that only
+// passes orders on has to know them too.
+#ifndef DEPTHTWEEN_CORE_SEQUENCE_UPSAMPLE_NAMES_H_
+#define DEPTHTWEEN_CORE_SEQUENCE_UPSAMPLE_NAMES_H_
+
+#include <string>
+#include <vector>
+
+namespace depthtween {
+
+// "ours" and the baselines.
+const std::vector<std::string>& UpsampleMethods();
+// All baselines, in the order that tables show them. MakeBaseline (core/baselines) knows each.
+const std::vector<std::string>& BaselineNames();
+
+// Of method "ours": from the fastest to the most accurate, "fast", "balanced" (the default), "best".
+// PipelineOptions::ForPreset (core/upsample) knows each.
+const std::vector<std::string>& PresetNames();
+// The stages of method "ours" that one can do without. PipelineOptions::SwitchOff knows each.
+const std::vector<std::string>& PartNames();
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_SEQUENCE_UPSAMPLE_NAMES_H_
