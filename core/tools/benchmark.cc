@@ -18,6 +18,7 @@
 #include "core/baselines/baselines.h"
 #include "core/baselines/frame_steps.h"
 #include "core/flow/dense_flow.h"
+#include "core/sceneflow/scene_flow.h"
 #include "core/synthetic/synthetic_sequence.h"
 #include "core/tools/clip_truth.h"
 #include "core/tools/preview.h"
@@ -33,6 +34,7 @@ constexpr int kLongestRatio = 4;     // times as many colour frames per depth fr
 constexpr int kRatioClipLength = 3;  // times as long: with 33 frames 12 intervals, which 1, 2, 3 and 4 divide
 constexpr int kUsualRatio = 8;       // colour frames per depth frame: 240 over 30 fps
 constexpr int kFewestKeys = 5;
+constexpr int kMotionPairs = 4;                 // of each kind and clip, for the table sceneflow
 constexpr char kRatioBaseline[] = "flow-warp";  // the strongest of the baselines
 // What a strip shows beside ours, of what was run: the strongest baseline, and the one that the paper compares with.
 constexpr const char* kStripBaselines[] = {"flow-warp", "dolson"};
@@ -202,6 +204,7 @@ class Run {
     if (WantsShortClip())
       RETURN_IF_ERROR(
           on_folder(options_.frames, [&](const SequenceFolder& folder) { return ShortTables(folder, clip); }));
+    if (Wants("sceneflow")) RETURN_IF_ERROR(SceneFlowOfScene(scene, clip));
     if (Wants("ratio"))
       RETURN_IF_ERROR(on_folder(kRatioClipLength * (options_.frames - 1) + 1,
                                 [&](const SequenceFolder& folder) { return Ratios(folder, clip); }));
@@ -209,7 +212,7 @@ class Run {
   }
 
   absl::Status Folder(const std::string& text) {
-    if (!WantsShortClip() && !Wants("ratio")) return absl::OkStatus();
+    if (!WantsShortClip() && !Wants("ratio") && !Wants("sceneflow")) return absl::OkStatus();
     ASSIGN_OR_RETURN(const SequenceSpec spec, ParseSequence(text));
     ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(spec.dir));
     const bool has_truth = HasTruth(*folder);
@@ -219,14 +222,19 @@ class Run {
                                     : has_truth        ? 1
                                                        : UsualKeyEvery(folder->sequence())};
     if (clip.name.empty()) clip.name = fs::absolute(spec.dir).lexically_normal().parent_path().filename().string();
-    if (clip.key_every > 1) absl::StrAppend(&clip.name, ":", clip.key_every);
+    if (clip.key_every > 1 && (WantsShortClip() || Wants("ratio"))) absl::StrAppend(&clip.name, ":", clip.key_every);
     if (WantsShortClip()) RETURN_IF_ERROR(ShortTables(*folder, clip));
     if (Wants("ratio")) RETURN_IF_ERROR(Ratios(*folder, clip));
+    if (Wants("sceneflow")) {
+      ASSIGN_OR_RETURN(const auto pairs, FolderPairs(spec.dir, kMotionPairs));
+      RETURN_IF_ERROR(MotionTables(pairs, clip));
+    }
     return Finish(std::move(clip));
   }
 
   absl::Status Finish(ClipBenchmark clip) {
-    if (!clip.depth && !clip.ablation && clip.parameters.empty() && clip.ratios.empty()) return absl::OkStatus();
+    if (!clip.depth && !clip.ablation && clip.parameters.empty() && clip.ratios.empty() && clip.scene_flow.empty())
+      return absl::OkStatus();
     const std::string name = clip.name;
     const auto taken = [&] {
       return std::any_of(benchmark_.clips.begin(), benchmark_.clips.end(),
@@ -390,6 +398,28 @@ class Run {
     return absl::OkStatus();
   }
 
+  absl::Status SceneFlowOfScene(const std::string& scene, ClipBenchmark& clip) const {
+    ASSIGN_OR_RETURN(
+        const std::unique_ptr<SyntheticSequence> rendered,
+        SyntheticSequence::Create(
+            {.scene = scene, .frames = options_.frames, .width = options_.width, .height = options_.height},
+            options_.threads));
+    return MotionTables(ScenePairs(*rendered, kUsualRatio, kMotionPairs, options_.threads), clip);
+  }
+
+  absl::Status MotionTables(const std::vector<std::unique_ptr<MotionPairs>>& kinds, ClipBenchmark& clip) const {
+    std::vector<std::string> methods = SceneFlowMethods();
+    if (options_.baselines.empty()) methods.resize(1);
+    for (const auto& pairs : kinds) {
+      const std::string what = absl::StrCat(clip.name, ", ", std::string(PairStepName(pairs->step())), ": pairs");
+      ASSIGN_OR_RETURN(clip.scene_flow.emplace_back(), BenchmarkSceneFlow(*pairs, {.methods = methods,
+                                                                                   .threads = options_.threads,
+                                                                                   .stop = options_.stop,
+                                                                                   .on_pair = Counter(what)}));
+    }
+    return absl::OkStatus();
+  }
+
   static double Median(std::vector<double> values) {
     std::sort(values.begin(), values.end());
     return values[values.size() / 2];
@@ -449,7 +479,8 @@ class Run {
 }  // namespace
 
 const std::vector<std::string>& BenchmarkTables() {
-  static const auto* const kNames = new std::vector<std::string>{"depth", "ablation", "parameters", "ratio", "time"};
+  static const auto* const kNames =
+      new std::vector<std::string>{"depth", "ablation", "parameters", "ratio", "sceneflow", "time"};
   return *kNames;
 }
 

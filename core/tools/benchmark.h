@@ -4,6 +4,7 @@
 //   ablation    what each part of the pipeline is worth: PartNames() switched off one by one
 //   parameters  PipelineParameters() over their ranges
 //   ratio       1 to 4 times as many colour frames per depth frame, by dropping keys; scored on the same frames
+//   sceneflow   3-D motion between two RGB-D frames: ours beside re-implemented baselines
 //   time        seconds for an interval beside 16 dense flows of OpenCV timed in the same run, by preset and stage
 //
 // All errors are those of core/metrics, on the pixels that all methods of a table fill.
@@ -22,11 +23,12 @@
 
 #include "core/base/image.h"
 #include "core/base/status.h"
+#include "core/tools/benchmark_scene_flow.h"
 #include "core/tools/clip_scoring.h"
 
 namespace depthtween::tools {
 
-// "depth", "ablation", "parameters", "ratio", "time".
+// "depth", "ablation", "parameters", "ratio", "sceneflow", "time".
 const std::vector<std::string>& BenchmarkTables();
 // Those of SceneList() in which something moves: a still one tells methods apart by noise alone.
 const std::vector<std::string>& BenchmarkScenes();
@@ -37,7 +39,7 @@ struct BenchmarkOptions {
   std::vector<std::string> sequences;
   std::vector<std::string> scenes = BenchmarkScenes();  // rendered into a temporary folder, 240 and 30 fps
   std::vector<std::string> tables = BenchmarkTables();
-  std::vector<std::string> baselines;  // of the table depth; names of core/baselines
+  std::vector<std::string> baselines;  // of the table depth; names of core/baselines. None: sceneflow has ours alone
   std::string preset = "balanced";     // of ours; the table time takes all
   int frames = 33;                     // colour frames of a scene; 3 times as long for the table ratio. >= 17
   int width = 512, height = 424;       // of scenes, and of the table time
@@ -74,6 +76,7 @@ struct ClipBenchmark {
     ClipScores scores;        // ours and flow-warp
   };
   std::vector<Ratio> ratios;
+  std::vector<SceneFlowBenchmark> scene_flow;  // key to key, frame to frame: what there is truth for
 };
 
 // Medians over the rounds, of one interval of `kick`: 8 frames of the size of scenes, rendered into memory.

@@ -109,6 +109,9 @@ void AddBenchmarkCommand(CLI::App& app, int* exit_code) {
       "  ablation    each part of the pipeline switched off\n"
       "  parameters  error over the range of each number of the pipeline\n"
       "  ratio       1 to 4 times as many colour frames per depth frame, by dropping depth frames\n"
+      "  sceneflow   3-D motion between two RGB-D frames, ours beside re-implemented ideas of published methods; "
+      "takes\n"
+      "              folders with gt/sceneflow_key, or gt/depth and gt/flow, or without truth (depth transfer)\n"
       "  time        seconds for an interval by preset and stage, beside OpenCV's dense flows\n"
       "\n"
       "Example:  depthtween-core benchmark -o report --tables depth --scenes kick\n"
@@ -134,7 +137,8 @@ void AddBenchmarkCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option("--baselines", arguments->baselines,
                    "Of the table depth: " + absl::StrJoin(BaselineNames(), ", ") +
-                       "; quick ones, all (dolson and dolson-mode take seconds a frame), or none")
+                       "; quick ones, all (dolson and dolson-mode take seconds a frame), or none (then sceneflow too "
+                       "has ours alone)")
       ->delimiter(',')
       ->default_str(kQuick)
       ->type_name("NAMES");

@@ -97,7 +97,7 @@ class Report {
         "times do.\n",
         DEPTHTWEEN_VERSION, command, kEdgeBandPx, 100 * kEdgeJumpM, kMovingPx, kFastPx, kUntexturedLevels);
     for (const auto& part : {&Report::Depth, &Report::Uncertainty, &Report::Ablation, &Report::Parameters,
-                             &Report::Ratios, &Report::Times}) {
+                             &Report::Ratios, &Report::SceneFlow, &Report::Times}) {
       ASSIGN_OR_RETURN(const std::string section, (this->*part)());
       text += section;
     }
@@ -402,6 +402,69 @@ class Report {
            Table(rows, 1) + "\n" + Table(growth, 2) + plots;
   }
 
+  absl::StatusOr<std::string> SceneFlow() {
+    Rows rows = {{"clip", "pairs", "method", "EPE3D", "RMSE_V", "median", "visible", "hidden", "near jumps", "moving",
+                  "EPE2D px", "AAE (u,v,1) deg", "AAE (S,1) deg", "< 5 cm or 5 %", "< 10 cm or 10 %", "outliers %",
+                  "complete %", "s per pair"}};
+    Rows bounds = {{"clip", "pairs", "best baseline", "ours / best"}};
+    Rows transfer = {
+        {"clip", "method", "depth error %", "off by > 5 %", "colour error, levels", "covered %", "s per pair"}};
+    std::string strips;
+    for (const ClipBenchmark& clip : benchmark_.clips)
+      for (const SceneFlowBenchmark& motion : clip.scene_flow) {
+        const std::string pairs = absl::StrFormat("%d %s", motion.pairs, std::string(PairStepName(motion.step)));
+        const auto epe_mm = [](const SceneFlowComparison::MethodScore& m, MotionRegion region) {
+          return m[region].pixels > 0 ? 1000 * m[region].epe3d_m : kNone;
+        };
+        for (size_t i = 0; i < motion.scores.size(); ++i) {
+          const SceneFlowComparison::MethodScore& m = motion.scores[i];
+          const SceneFlowScore& all = m[MotionRegion::kAll];
+          rows.push_back(
+              {clip.name, pairs, m.name, Millimetres(epe_mm(m, MotionRegion::kAll)), Millimetres(1000 * all.rmse_v_m),
+               Millimetres(1000 * all.median3d_m), Millimetres(epe_mm(m, MotionRegion::kVisible)),
+               Millimetres(epe_mm(m, MotionRegion::kHidden)), Millimetres(epe_mm(m, MotionRegion::kNearJumps)),
+               Millimetres(epe_mm(m, MotionRegion::kMoving)), Cell(all.epe2d_px, 3), Cell(all.aae_flow_deg, 2),
+               Cell(all.aae_motion_deg, 3), Cell(100 * all.accurate_strict, 1), Cell(100 * all.accurate_relaxed, 1),
+               Cell(100 * all.outliers, 1), Cell(100 * m.completeness, 1), Cell(motion.seconds[i], 2)});
+        }
+        if (motion.scores.size() > 1) {
+          const auto best = std::min_element(motion.scores.begin() + 1, motion.scores.end(), [&](auto& a, auto& b) {
+            return epe_mm(a, MotionRegion::kAll) < epe_mm(b, MotionRegion::kAll);
+          });
+          bounds.push_back({clip.name, pairs, best->name,
+                            Cell(epe_mm(motion.scores[0], MotionRegion::kAll) / epe_mm(*best, MotionRegion::kAll), 3)});
+        }
+        for (size_t i = 0; i < motion.transfer.size(); ++i) {
+          const TransferScore& t = motion.transfer[i];
+          transfer.push_back({clip.name, t.name, Cell(100 * t.depth_error, 3), Cell(100 * t.depth_outliers, 2),
+                              Cell(t.color_error, 2), Cell(100 * t.coverage, 1), Cell(motion.seconds[i], 2)});
+        }
+        if (motion.strip.empty()) continue;
+        const std::string file =
+            FileStem(absl::StrCat("motion-", clip.name, "-", std::string(PairStepName(motion.step)))) + ".png";
+        RETURN_IF_ERROR(WritePngRgb8(JoinPath(dir_, file), motion.strip));
+        absl::StrAppendFormat(&strips, "\n![Motion, %s, %s](%s)\n", clip.name, std::string(PairStepName(motion.step)),
+                              file);
+      }
+    if (rows.size() == 1 && transfer.size() == 1) return std::string();
+    std::string text =
+        "\n## Scene flow\n\npd-flow, sr-flow and layered-flow are re-implementations of the ideas of Jaimez et al. "
+        "2015, Quiroga et al. 2014 and Sun et al. 2015, not their authors' code.\n";
+    if (rows.size() > 1)
+      text +=
+          "\nErrors of 3-D motion in mm (EPE3D: mean; visible, hidden, near jumps and moving: EPE3D of those pixels), "
+          "pooled over the pairs, on the pixels that all methods answer. Outliers: above 30 cm, or above 1 cm and "
+          "10 %.\n\n" +
+          Table(rows, 3);
+    if (bounds.size() > 1) text += "\n" + Table(bounds, 3);
+    if (transfer.size() > 1)
+      text +=
+          "\nWithout true motion: the first frame's points, moved into the second frame, against what was measured "
+          "there.\n\n" +
+          Table(transfer, 2);
+    return text + strips;
+  }
+
   absl::StatusOr<std::string> Times() {
     if (benchmark_.times.empty()) return std::string();
     Rows rows = {{"preset", "threads", "interval s", "16 DIS flows s", "ratio", "stages s"}};
@@ -424,6 +487,39 @@ class Report {
   const std::string& dir_;
 };
 
+json ToJson(const SceneFlowBenchmark& motion) {
+  json out = {{"pairs", motion.pairs}, {"step", std::string(PairStepName(motion.step))}};
+  for (size_t i = 0; i < motion.scores.size(); ++i) {
+    json& method = out["methods"].emplace_back(json{{"name", motion.scores[i].name},
+                                                    {"completeness", motion.scores[i].completeness},
+                                                    {"seconds", motion.seconds[i]}});
+    for (const MotionRegion region : kMotionRegions) {
+      const SceneFlowScore& score = motion.scores[i][region];
+      method["regions"][std::string(MotionRegionName(region))] = {{"pixels", score.pixels},
+                                                                  {"epe3d_m", score.epe3d_m},
+                                                                  {"rmse_v_m", score.rmse_v_m},
+                                                                  {"median3d_m", score.median3d_m},
+                                                                  {"epe2d_px", score.epe2d_px},
+                                                                  {"aae_flow_deg", score.aae_flow_deg},
+                                                                  {"aae_motion_deg", score.aae_motion_deg},
+                                                                  {"accurate_strict", score.accurate_strict},
+                                                                  {"accurate_relaxed", score.accurate_relaxed},
+                                                                  {"outliers", score.outliers}};
+    }
+  }
+  for (size_t i = 0; i < motion.transfer.size(); ++i) {
+    const TransferScore& score = motion.transfer[i];
+    out["transfer"].push_back({{"name", score.name},
+                               {"pixels", score.pixels},
+                               {"depth_error", score.depth_error},
+                               {"depth_outliers", score.depth_outliers},
+                               {"color_error_levels", score.color_error},
+                               {"coverage", score.coverage},
+                               {"seconds", motion.seconds[i]}});
+  }
+  return out;
+}
+
 }  // namespace
 
 json ToJson(const Benchmark& benchmark) {
@@ -444,6 +540,7 @@ json ToJson(const Benchmark& benchmark) {
     }
     for (const ClipBenchmark::Ratio& ratio : clip.ratios)
       added["ratios"].push_back({{"color_per_depth", ratio.color_per_depth}, {"scores", ToJson(ratio.scores)}});
+    for (const SceneFlowBenchmark& motion : clip.scene_flow) added["scene_flow"].push_back(ToJson(motion));
   }
   for (const TimeBenchmark& time : benchmark.times)
     out["times"].push_back({{"preset", time.preset},

@@ -20,6 +20,7 @@ int ReportStatus(const absl::Status& status);
 
 void AddSynthCommand(CLI::App& app, int* exit_code);
 void AddUpsampleCommand(CLI::App& app, int* exit_code);
+void AddSceneFlowCommand(CLI::App& app, int* exit_code);
 void AddEvaluateCommand(CLI::App& app, int* exit_code);
 void AddBenchmarkCommand(CLI::App& app, int* exit_code);
 void AddPreviewCommand(CLI::App& app, int* exit_code);

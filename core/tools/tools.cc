@@ -73,6 +73,7 @@ int Main(int argc, const char* const* argv) {
   app.get_formatter()->column_width(34);
   AddSynthCommand(app, &exit_code);
   AddUpsampleCommand(app, &exit_code);
+  AddSceneFlowCommand(app, &exit_code);
   AddEvaluateCommand(app, &exit_code);
   AddBenchmarkCommand(app, &exit_code);
   AddPreviewCommand(app, &exit_code);

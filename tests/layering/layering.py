@@ -19,11 +19,12 @@ MODULES = {
     "core/solve": ["core/flow", "core/fill"],
     "core/capture": ["core/flow", "core/fill"],
     "core/upsample": ["core/solve", "core/raster"],
+    "core/sceneflow": ["core/upsample"],
     "core/baselines": ["core/upsample"],
     "core/metrics": ["core/sequence"],
     "core/synthetic": ["core/io"],
     "core/render": ["core/fill"],
-    "core/tools": ["core/capture", "core/upsample", "core/baselines", "core/metrics", "core/synthetic", "core/render",
+    "core/tools": ["core/capture", "core/sceneflow", "core/baselines", "core/metrics", "core/synthetic", "core/render",
                    "core/io"],
     # Headers that both sides of the wire share; they know no generated type.
     "proto/depthtween": [],

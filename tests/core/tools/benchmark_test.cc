@@ -36,6 +36,45 @@ class BenchmarkTest : public testing::Test {
   std::filesystem::path root_;
 };
 
+// Truth: the table of scene flow has both kinds of pairs of a scene, ours first and all baselines; without baselines
+// ours alone; and the report shows it.
+TEST_F(BenchmarkTest, ComparesSceneFlow) {
+  BenchmarkOptions options = Small();
+  options.scenes = {"turntable"};
+  options.tables = {"sceneflow"};
+  options.baselines = {"hold"};
+  const auto benchmark = RunBenchmark(options);
+  ASSERT_TRUE(benchmark.ok()) << benchmark.status();
+  ASSERT_EQ(benchmark->clips.size(), 1U);
+  const ClipBenchmark& clip = benchmark->clips[0];
+  EXPECT_FALSE(clip.depth.has_value());
+  ASSERT_EQ(clip.scene_flow.size(), 2U);
+  EXPECT_EQ(clip.scene_flow[0].pairs, 2);
+  EXPECT_EQ(clip.scene_flow[1].pairs, 4);
+  for (const SceneFlowBenchmark& motion : clip.scene_flow) {
+    ASSERT_EQ(motion.scores.size(), 4U);
+    EXPECT_EQ(motion.scores[0].name, "ours");
+    EXPECT_EQ(motion.scores[3].name, "layered-flow");
+    for (const auto& method : motion.scores) {
+      EXPECT_GT(method[MotionRegion::kAll].pixels, 0);
+      EXPECT_EQ(method.completeness, 1.0);
+    }
+    EXPECT_THAT(motion.transfer, IsEmpty());
+    EXPECT_FALSE(motion.strip.empty());
+  }
+  ASSERT_TRUE(WriteBenchmarkReport(*benchmark, "the command", Path("report")).ok());
+  EXPECT_THAT(*ReadFile(Path("report/report.md")), HasSubstr("| turntable | 2 key to key | ours |"));
+  EXPECT_TRUE(FileExists(Path("report/motion-turntable-key-to-key.png")));
+
+  options.baselines = {};
+  const auto alone = RunBenchmark(options);
+  ASSERT_TRUE(alone.ok()) << alone.status();
+  ASSERT_EQ(alone->clips[0].scene_flow[0].scores.size(), 1U);
+  // The same numbers whoever else runs: all methods answer everywhere.
+  EXPECT_EQ(alone->clips[0].scene_flow[0].scores[0][MotionRegion::kAll].epe3d_m,
+            clip.scene_flow[0].scores[0][MotionRegion::kAll].epe3d_m);
+}
+
 // Truth: each table has one score for each method that it is defined by, and what was not asked for is not there.
 TEST_F(BenchmarkTest, RunsTheTablesAskedForAndNoOther) {
   BenchmarkOptions options = Small();

@@ -1,0 +1,100 @@
+#include "core/tools/scene_flow_files.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/io/file.h"
+#include "core/io/flo.h"
+#include "core/io/flow_png.h"
+#include "core/io/npz.h"
+#include "core/io/png.h"
+
+namespace depthtween::tools {
+namespace {
+
+constexpr double kDisparityUnits = 256.0;
+
+bool Wants(const std::vector<std::string>& formats, const char* format) {
+  return std::find(formats.begin(), formats.end(), format) != formats.end();
+}
+
+absl::Status WriteNpzOf(const std::string& path, const SceneFlow& flow) {
+  const int64_t width = flow.flow_px.width(), height = flow.flow_px.height();
+  const size_t count = flow.flow_px.pixel_count();
+  std::vector<float> pixels, metres;
+  pixels.reserve(2 * count);
+  metres.reserve(3 * count);
+  NpyArray hidden{.type = ElementType::kBool, .shape = {height, width}};
+  for (size_t i = 0; i < count; ++i) {
+    const Flow2 f = flow.flow_px.data()[i];
+    const Float3 m = flow.motion_m.data()[i];
+    pixels.insert(pixels.end(), {f.u, f.v});
+    metres.insert(metres.end(), {m.x, m.y, m.z});
+    hidden.bytes.push_back(flow.hidden.data()[i] != 0 ? 1 : 0);
+  }
+  const auto plane = [&](const Image<float>& image, ElementType type) {
+    return NpyArray::FromFloats({height, width}, std::vector<float>(image.data(), image.data() + count), type);
+  };
+  Npz arrays;
+  arrays.emplace("flow", NpyArray::FromFloats({height, width, 2}, pixels, ElementType::kFloat32));
+  arrays.emplace("motion", NpyArray::FromFloats({height, width, 3}, metres, ElementType::kFloat32));
+  arrays.emplace("depth", plane(flow.depth_m, ElementType::kFloat32));
+  arrays.emplace("confidence", plane(flow.confidence, ElementType::kFloat16));
+  arrays.emplace("hidden", std::move(hidden));
+  return WriteNpz(path, arrays, NpzCompression::kFast);
+}
+
+absl::Status WriteFloOf(const std::string& dir, const std::string& stem, const SceneFlow& flow) {
+  RETURN_IF_ERROR(WriteFlo(JoinPath(dir, "flow/" + stem + ".flo"), flow.flow_px));
+  Image<float> change(flow.motion_m.width(), flow.motion_m.height());
+  for (size_t i = 0; i < change.pixel_count(); ++i) change.data()[i] = flow.motion_m.data()[i].z;
+  return WritePfm(JoinPath(dir, "depth_change/" + stem + ".pfm"), change);
+}
+
+absl::Status WriteKittiOf(const std::string& dir, const std::string& stem, const Camera& camera, double baseline_m,
+                          const SceneFlow& flow) {
+  const int width = flow.flow_px.width(), height = flow.flow_px.height();
+  Image<uint8_t> valid(width, height);
+  Image<uint16_t> now(width, height), next(width, height);
+  const auto units = [&](float z) {
+    const double disparity = kDisparityUnits * camera.fx * baseline_m / z;
+    return z > 0.0F ? static_cast<uint16_t>(std::clamp(std::round(disparity), 1.0, 65535.0)) : uint16_t{0};
+  };
+  for (size_t i = 0; i < valid.pixel_count(); ++i) {
+    if (!(flow.confidence.data()[i] > 0.0F)) continue;
+    valid.data()[i] = 1;
+    now.data()[i] = units(flow.depth_m.data()[i]);
+    next.data()[i] = units(flow.depth_m.data()[i] + flow.motion_m.data()[i].z);
+  }
+  RETURN_IF_ERROR(WriteFlowPng(JoinPath(dir, "kitti/flow/" + stem + ".png"), flow.flow_px, valid));
+  RETURN_IF_ERROR(WritePng16(JoinPath(dir, "kitti/disp_0/" + stem + ".png"), now));
+  return WritePng16(JoinPath(dir, "kitti/disp_1/" + stem + ".png"), next);
+}
+
+}  // namespace
+
+const std::vector<std::string>& SceneFlowFormats() {
+  static const auto* const kNames = new std::vector<std::string>{"npz", "flo", "kitti"};
+  return *kNames;
+}
+
+std::string SceneFlowNpzName(const std::string& stem) { return "sceneflow/" + stem + ".npz"; }
+
+absl::Status MakeSceneFlowFolders(const std::string& dir, const std::vector<std::string>& formats) {
+  std::vector<const char*> folders;
+  if (Wants(formats, "npz")) folders.push_back("sceneflow");
+  if (Wants(formats, "flo")) folders.insert(folders.end(), {"flow", "depth_change"});
+  if (Wants(formats, "kitti")) folders.insert(folders.end(), {"kitti/flow", "kitti/disp_0", "kitti/disp_1"});
+  for (const char* folder : folders) RETURN_IF_ERROR(MakeFolder(JoinPath(dir, folder)));
+  return absl::OkStatus();
+}
+
+absl::Status WriteSceneFlow(const std::string& dir, const std::string& stem, const std::vector<std::string>& formats,
+                            const Camera& camera, double baseline_m, const SceneFlow& flow) {
+  if (Wants(formats, "npz")) RETURN_IF_ERROR(WriteNpzOf(JoinPath(dir, SceneFlowNpzName(stem)), flow));
+  if (Wants(formats, "flo")) RETURN_IF_ERROR(WriteFloOf(dir, stem, flow));
+  if (Wants(formats, "kitti")) RETURN_IF_ERROR(WriteKittiOf(dir, stem, camera, baseline_m, flow));
+  return absl::OkStatus();
+}
+
+}  // namespace depthtween::tools

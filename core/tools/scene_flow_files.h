@@ -1,0 +1,37 @@
+// Scene flow of a frame as files.
+//
+// NPZ     sceneflow/STEM.npz: `flow` H x W x 2 (u, v: pixels), `motion` H x W x 3 (x right, y down, z forward: metres,
+//         the point in the camera's frame at the next frame minus the point now), `depth` H x W (metres, that the
+//         motion starts from), `confidence` H x W half floats (0 = no answer, then all is 0), `hidden` H x W bool.
+// .flo    flow/STEM.flo (Middlebury) and depth_change/STEM.pfm: metres along z, positive = away.
+// KITTI   as of the scene flow benchmark of 2015: kitti/flow/STEM.png (u = (R - 2^15) / 64, v likewise, B = valid),
+//         kitti/disp_0/STEM.png and kitti/disp_1/STEM.png, 16 bits: disparity times 256 of a pixel now and of the same
+//         pixel's point at the next frame; disparity = fx * baseline / z pixels, 0 = unknown.
+#ifndef DEPTHTWEEN_CORE_TOOLS_SCENE_FLOW_FILES_H_
+#define DEPTHTWEEN_CORE_TOOLS_SCENE_FLOW_FILES_H_
+
+#include <string>
+#include <vector>
+
+#include "core/base/status.h"
+#include "core/geometry/camera.h"
+#include "core/sceneflow/scene_flow.h"
+
+namespace depthtween::tools {
+
+inline constexpr double kDefaultBaselineM = 0.1;
+
+// "npz", "flo", "kitti".
+const std::vector<std::string>& SceneFlowFormats();
+
+std::string SceneFlowNpzName(const std::string& stem);  // sceneflow/STEM.npz
+
+// The folders that the formats need, under `dir`.
+absl::Status MakeSceneFlowFolders(const std::string& dir, const std::vector<std::string>& formats);
+// Errors: what writing returns.
+absl::Status WriteSceneFlow(const std::string& dir, const std::string& stem, const std::vector<std::string>& formats,
+                            const Camera& camera, double baseline_m, const SceneFlow& flow);
+
+}  // namespace depthtween::tools
+
+#endif  // DEPTHTWEEN_CORE_TOOLS_SCENE_FLOW_FILES_H_
