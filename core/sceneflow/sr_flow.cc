@@ -18,10 +18,10 @@ namespace {
 constexpr float kLightSigma = 0.02F;    // of [0,1]: a camera's noise and what shading changes
 constexpr float kOutlierSigmas = 4.0F;  // of the robust kernel
 constexpr int kGlobalIterations = 12;   // of each level
-constexpr int kWarps = 6, kSmoothings = 12;
+constexpr int kWarps = 6, kSmoothings = 40;
 constexpr int kWindowRadius = 2;
-constexpr float kCoupling = 4.0F;    // between the twists that data ask for and the smooth ones, 1 / pixel^2
-constexpr float kSmoothness = 1.0F;  // of total variation, 1 / pixel
+constexpr float kCoupling = 4.0F;     // between the twists that data ask for and the smooth ones, 1 / pixel^2
+constexpr float kSmoothness = 12.0F;  // of total variation, 1 / pixel
 
 using Vector6 = Eigen::Matrix<float, 6, 1>;
 using Matrix6 = Eigen::Matrix<float, 6, 6>;
