@@ -64,6 +64,8 @@ class ResultWriter {
   // FailedPrecondition names the first frame that has not been written.
   absl::Status Finish(const nlohmann::json& report) const;
 
+  const std::string& dir() const { return dir_; }
+
  private:
   ResultWriter(std::string dir, Sequence sequence) : dir_(std::move(dir)), sequence_(std::move(sequence)) {}
 

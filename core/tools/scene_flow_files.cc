@@ -3,11 +3,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "absl/strings/str_cat.h"
+#include "core/base/parallel.h"
 #include "core/io/file.h"
 #include "core/io/flo.h"
 #include "core/io/flow_png.h"
 #include "core/io/npz.h"
 #include "core/io/png.h"
+#include "core/io/result_folder.h"
+#include "core/sceneflow/flow_and_depth.h"
 
 namespace depthtween::tools {
 namespace {
@@ -95,6 +99,33 @@ absl::Status WriteSceneFlow(const std::string& dir, const std::string& stem, con
   if (Wants(formats, "flo")) RETURN_IF_ERROR(WriteFloOf(dir, stem, flow));
   if (Wants(formats, "kitti")) RETURN_IF_ERROR(WriteKittiOf(dir, stem, camera, baseline_m, flow));
   return absl::OkStatus();
+}
+
+absl::StatusOr<int> AddSceneFlow(const std::string& dir, const Sequence& sequence, const ClipConstants& constants,
+                                 int threads) {
+  RETURN_IF_ERROR(MakeSceneFlowFolders(dir, {"npz"}));
+  const PixelRays rays(sequence.camera);
+  const DepthNoise noise{.a_m = static_cast<float>(constants.noise_a_m),
+                         .b_per_m = static_cast<float>(constants.noise_b_per_m)};
+  std::vector<int> frames;
+  for (int i = 0; i + 1 < static_cast<int>(sequence.color.size()); ++i)
+    if (FileExists(JoinPath(dir, ResultMotionName(sequence.color[i].Stem())))) frames.push_back(i);
+  std::vector<absl::Status> done(frames.size());
+  ParallelFor(static_cast<int>(frames.size()), threads, [&](int i) {
+    done[i] = [&]() -> absl::Status {
+      const std::string stem = sequence.color[frames[i]].Stem(), next = sequence.color[frames[i] + 1].Stem();
+      ASSIGN_OR_RETURN(const FrameMotion motion, ReadResultMotion(dir, stem));
+      ASSIGN_OR_RETURN(const Image<float> from_m, ReadResultDepth(dir, stem, sequence.depth_scale));
+      ASSIGN_OR_RETURN(const Image<float> to_m, ReadResultDepth(dir, next, sequence.depth_scale));
+      if (!from_m.view().SameSize(motion.next.view()) || !from_m.view().SameSize(to_m.view()) ||
+          from_m.width() != rays.width() || from_m.height() != rays.height())
+        return absl::DataLossError(absl::StrCat(dir, ": frame ", stem, ": depth and motion differ in size"));
+      return WriteNpzOf(JoinPath(dir, SceneFlowNpzName(stem)),
+                        FromFlowAndDepth(rays, {motion.next, motion.back, from_m, to_m}, noise, 1));
+    }();
+  });
+  for (const absl::Status& status : done) RETURN_IF_ERROR(status);
+  return static_cast<int>(frames.size());
 }
 
 }  // namespace depthtween::tools

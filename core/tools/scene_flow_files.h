@@ -16,6 +16,8 @@
 #include "core/base/status.h"
 #include "core/geometry/camera.h"
 #include "core/sceneflow/scene_flow.h"
+#include "core/sequence/sequence.h"
+#include "core/upsample/upsampler.h"
 
 namespace depthtween::tools {
 
@@ -31,6 +33,11 @@ absl::Status MakeSceneFlowFolders(const std::string& dir, const std::vector<std:
 // Errors: what writing returns.
 absl::Status WriteSceneFlow(const std::string& dir, const std::string& stem, const std::vector<std::string>& formats,
                             const Camera& camera, double baseline_m, const SceneFlow& flow);
+
+// Adds NPZ to a result folder whose frames and motion are there, for every frame that has motion to a next one: all but
+// held ones. Returns how many those are. Errors: what reading and writing return.
+absl::StatusOr<int> AddSceneFlow(const std::string& dir, const Sequence& sequence, const ClipConstants& constants,
+                                 int threads);
 
 }  // namespace depthtween::tools
 

@@ -60,7 +60,8 @@ absl::StatusOr<std::vector<int>> DepthOfColor(const Sequence& sequence) {
   without.resize(std::min(lacking, kNamedFrames));
   return absl::FailedPreconditionError(absl::StrFormat(
       "colour and depth are not at the same rate: %d of %d colour frames have no depth within half a frame (%.1f ms): "
-      "%s%s. Give them depth first: depthtween-core upsample SEQ -o OUT",
+      "%s%s. Upsample the recording instead, which gives scene flow too: depthtween-core "
+      "upsample SEQ -o OUT --scene-flow",
       lacking, sequence.color.size(), 1e-6 * static_cast<double>(tolerance_ns), absl::StrJoin(without, ", "),
       lacking > kNamedFrames ? ", ..." : ""));
 }

@@ -165,7 +165,7 @@ absl::Status IntervalsTask(const Task& task) {
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(input.options));
   const ClipSource source(*input.recording, plan.clock, input.options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer,
-                   ResultWriter::Create(arguments.out, source.sequence(), input.options.keep_motion));
+                   ResultWriter::Create(arguments.out, source.sequence(), input.options.NeedsMotion()));
   TaskObserver observer(task);
   return RunIntervals(*upsampler, source, plan, arguments.first, arguments.count, input.options, task.stop, writer,
                       observer)

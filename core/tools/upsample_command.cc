@@ -39,7 +39,8 @@ absl::Status ClearOutput(const std::string& out, bool force) {
   if (!force)
     return absl::AlreadyExistsError(
         absl::StrCat(out, " is not empty: name another folder, or use --force to replace an earlier result in it"));
-  for (const char* part : {"report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance", "motion"}) {
+  for (const char* part :
+       {"report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance", "motion", "sceneflow"}) {
     const fs::path path = fs::path(out) / part;
     fs::remove_all(path, error);
     if (error) return ErrnoStatus(error.value(), "removing " + path.string());
@@ -63,7 +64,7 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
     std::cout << "clock: " << Summary(*plan.clock.estimate) << std::endl;
   const ClipSource source(*folder, plan.clock, options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer,
-                   ResultWriter::Create(arguments.out, source.sequence(), options.keep_motion));
+                   ResultWriter::Create(arguments.out, source.sequence(), options.NeedsMotion()));
   for (const std::string& warning : plan.constants.warnings) std::cerr << "warning: " << warning << std::endl;
 
   ASSIGN_OR_RETURN(nlohmann::json self_check, CheckSelfAloud(*folder, options, signals.token()));
@@ -125,6 +126,9 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
   command->add_flag(
       "--keep-motion", arguments->options.keep_motion,
       "Keep the motion between frames too (motion/*.npz): `render` then looks behind edges in other frames");
+  command->add_flag("--scene-flow", arguments->options.scene_flow,
+                    "Also the 3-D motion of every frame to the next, from its depth and motion: sceneflow/*.npz (see\n"
+                    "`sceneflow --help`), but for frames before the first and after the last depth frame");
   command
       ->add_option("--clock", arguments->options.clock,
                    "How depth frames come onto the colour camera's clock: stamps (they are right), index (pair by\n"

@@ -12,6 +12,7 @@
 #include "absl/strings/str_join.h"
 #include "core/baselines/baselines.h"
 #include "core/tools/render_options.h"
+#include "core/tools/scene_flow_files.h"
 #include "core/tools/write_queue.h"
 #include "core/upsample/pipeline.h"
 
@@ -74,6 +75,9 @@ absl::Status UpsampleOptions::Validate() const {
   if (method != "ours" && !without.empty()) return only_ours("without");
   if (method != "ours" && causal) return only_ours("causal");
   if (method != "ours" && self_check) return only_ours("self_check");
+  if (method != "ours" && scene_flow) return only_ours("scene_flow");
+  if (causal && scene_flow)
+    return FieldError("options.scene_flow", "does not go with causal: what follows a frame is not known then");
   if (const absl::Status known = ParseClockChoice(clock).status(); !known.ok())
     return FieldError("options.clock", std::string(known.message()));
   return absl::OkStatus();
@@ -82,7 +86,8 @@ absl::Status UpsampleOptions::Validate() const {
 json ToJson(const UpsampleOptions& options) {
   return {{"method", options.method},           {"key_every", options.key_every}, {"threads", options.threads},
           {"keep_motion", options.keep_motion}, {"preset", options.preset},       {"without", options.without},
-          {"causal", options.causal},           {"clock", options.clock},         {"self_check", options.self_check}};
+          {"causal", options.causal},           {"clock", options.clock},         {"self_check", options.self_check},
+          {"scene_flow", options.scene_flow}};
 }
 
 absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
@@ -130,6 +135,8 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
         RETURN_IF_ERROR(read_texts(options.without));
       } else if (field == "causal") {
         RETURN_IF_ERROR(read_flag(options.causal));
+      } else if (field == "scene_flow") {
+        RETURN_IF_ERROR(read_flag(options.scene_flow));
       } else if (field == "self_check") {
         RETURN_IF_ERROR(read_flag(options.self_check));
       } else {
@@ -255,7 +262,7 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
     WriteQueue queue(options.threads, [&](int frame) { observer.OnFrame(i, frame); });
     const RunContext context{.threads = options.threads,
                              .stop = stop,
-                             .want_motion = options.keep_motion,
+                             .want_motion = options.NeedsMotion(),
                              .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
     const auto sink = [&](DepthResult result) -> absl::Status {
       if (stop.stop_requested()) return absl::CancelledError("stopped");
@@ -313,6 +320,10 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
                  {"clock", ToJson(plan.clock)},
                  {"warnings", plan.constants.warnings},
                  {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}};
+  if (options.scene_flow) {
+    ASSIGN_OR_RETURN(report["scene_flow_frames"],
+                     AddSceneFlow(writer.dir(), sequence, plan.constants, options.threads));
+  }
   if (!self_check.is_null()) report["self_check"] = std::move(self_check);
   return writer.Finish(std::move(report));
 }

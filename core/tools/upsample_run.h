@@ -36,8 +36,11 @@ struct UpsampleOptions {
   std::vector<std::string> without;  // of PartNames(): stages left out, to learn what each is worth
   bool causal = false;               // each frame from what had been seen by then alone
 
+  bool scene_flow = false;  // also the 3-D motion of every frame between depth frames: scene_flow_files.h; keeps motion
+
   bool self_check = false;  // first measure on held-out depth frames how good it is: self_check.h
 
+  bool NeedsMotion() const { return keep_motion || scene_flow; }
   // InvalidArgument about "options.FIELD", which FieldOf (render_options.h) gives.
   absl::Status Validate() const;
 };
@@ -99,16 +102,16 @@ class RunObserver {
 };
 
 // Runs plan.intervals[first .. first + count), writes their frames, and reports on each. Of `options` only `threads`
-// and `keep_motion` matter here. Errors: InvalidArgument if there are no such intervals; Cancelled when `stop` fires;
+// and NeedsMotion() matter here. Errors: InvalidArgument if there are no such intervals; Cancelled when `stop` fires;
 // what source, upsampler, writer and observer return. Frames written before an error are whole and stay.
 absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsampler, const FrameSource& source,
                                                          const ClipPlan& plan, int first, int count,
                                                          const UpsampleOptions& options, std::stop_token stop,
                                                          const ResultWriter& writer, RunObserver& observer);
 
-// Ends a result: lists its frames and writes report.json. `reports` are those of all intervals, in any order;
-// `sequence_dir` is where the input came from, for those who look at the result later; `renders` is a JSON list of what
-// was rendered from it, `self_check` the JSON form of a SelfCheck, or null.
+// Ends a result: adds scene flow if that was asked for, lists its frames and writes report.json. `reports` are those of
+// all intervals, in any order; `sequence_dir` is where the input came from, for those who look at the result later;
+// `renders` is a JSON list of what was rendered from it, `self_check` the JSON form of a SelfCheck, or null.
 // FailedPrecondition names an interval or frame that is missing.
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
                             const ClipPlan& plan, const std::vector<IntervalReport>& reports, nlohmann::json renders,

@@ -104,5 +104,39 @@ TEST(SceneFlowCommand, KeepsWhatIsThere) {
   EXPECT_FALSE(FileExists(scratch / "out/sceneflow/000001.npz"));
 }
 
+// The upsampling's scene flow of frames between depth frames, against the exact motion of the rendered scene: it
+// explains most of it. Held frames and baselines have none, and that is said.
+TEST(UpsampleSceneFlow, IsTheMotionOfEveryFrame) {
+  const ScratchFolder scratch;
+  const SyntheticOptions options = {
+      .scene = "pan", .frames = 10, .width = kWidth, .height = kHeight, .sensor = PerfectSensor()};
+  ASSERT_TRUE(WriteSyntheticSequence(options, scratch / "in", {}).ok());
+  const ToolResult result = RunTool({"upsample", scratch / "in", "-o", scratch / "out", "--scene-flow"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const nlohmann::json report = nlohmann::json::parse(*ReadFile(scratch / "out/report.json"));
+  EXPECT_EQ(report["scene_flow_frames"], 8);
+  EXPECT_FALSE(FileExists(scratch / "out/sceneflow/000009.npz"));
+  const auto arrays = ReadNpz(scratch / "out/sceneflow/000003.npz");
+  ASSERT_TRUE(arrays.ok()) << arrays.status();
+  const std::vector<float> motion = arrays->at("motion").ToFloats(), confidence = arrays->at("confidence").ToFloats();
+  const auto clip = SyntheticSequence::Create(options);
+  ASSERT_TRUE(clip.ok());
+  const MotionTruth truth = (*clip)->ColorView(3).MotionTo((*clip)->ColorView(4), 1);
+  double error = 0, still = 0;
+  for (int i = 0; i < kWidth * kHeight; ++i) {
+    if (!(confidence[i] > 0.5F)) continue;
+    const Float3 t = truth.scene_flow.data()[i];
+    error += std::sqrt(std::pow(motion[3 * i] - t.x, 2) + std::pow(motion[3 * i + 1] - t.y, 2) +
+                       std::pow(motion[3 * i + 2] - t.z, 2));
+    still += std::sqrt(t.x * t.x + t.y * t.y + t.z * t.z);
+  }
+  EXPECT_FALSE(!(error <= 0.5 * still)) << error << " against " << still;
+
+  const ToolResult baseline =
+      RunTool({"upsample", scratch / "in", "-o", scratch / "none", "--method", "linear", "--scene-flow"});
+  EXPECT_NE(baseline.exit_code, 0);
+  EXPECT_THAT(baseline.err, HasSubstr("scene_flow is for method 'ours' alone"));
+}
+
 }  // namespace
 }  // namespace depthtween::tools
