@@ -64,10 +64,10 @@ constexpr float kHiddenAgainstFlow = 0.40F;  // more, where flow says that it st
 constexpr float kSeesThroughCost = 1.0F;     // of leading in front of what was measured
 constexpr float kDepthCost = 0.30F, kFlowCost = 0.20F;
 constexpr float kFlowScalePx = 2.0F;
-constexpr float kSmoothCost = 0.20F, kSmoothScalePx = 1.0F;
+constexpr float kSmoothCost = 0.30F, kSmoothScalePx = 1.0F;
 // What a motion must be better by, the less it is shared.
-constexpr float kDominantPenalty = 0.01F, kLargePenalty = 0.015F, kSmallPenalty = 0.02F, kSearchedPenalty = 0.03F,
-                kOwnPenalty = 0.08F;
+constexpr float kDominantPenalty = 0.01F, kLargePenalty = 0.02F, kSmallPenalty = 0.04F, kSearchedPenalty = 0.03F,
+                kOwnPenalty = 0.25F;
 // Windows: of leading elsewhere than the matches that texture determines; how far a candidate may be from the best; how
 // much of that a pixel feels.
 constexpr float kDisagreeCost = 0.30F, kMostWindowCost = 0.25F, kWindowShare = 0.5F;
