@@ -40,7 +40,7 @@ constexpr float kDominantPenalty = 0.01F, kLargePenalty = 0.02F, kSmallPenalty =
 // Of leading elsewhere than the matches that texture determines; and how far a candidate may be from the best.
 constexpr float kDisagreeCost = 0.30F, kMostWindowCost = 0.25F;
 // Of leaving the motion that the surface follows as a whole.
-constexpr float kAloneCost = 0.30F;
+constexpr float kAloneCost = 0.45F;
 constexpr size_t kMostCandidates = 6;
 constexpr float kFarthestShare = 0.4F;  // of the picture's longer side
 // Starts are translations of one pixel each, with its noise.
