@@ -21,10 +21,14 @@ struct DepthNoise {
 // Two depths belong to different layers when they differ by more than this share of the nearer one (or by the noise):
 // wider than any slant a camera sees well over one pixel, narrower than the gap between things that move apart.
 constexpr float kLayerGap = 0.02F;
+// The widest gap within the layer of a surface at `nearer_m`.
+inline float WidestGap(float nearer_m, const DepthNoise& noise) {
+  return kLayerGap * nearer_m + 4.0F * noise.At(nearer_m);
+}
 inline bool SameLayer(float a, float b, const DepthNoise& noise) {
   const float nearer = a < b ? a : b;
   const float gap = a < b ? b - a : a - b;
-  return gap <= kLayerGap * nearer + 4.0F * noise.At(nearer);
+  return gap <= WidestGap(nearer, noise);
 }
 
 // Sets to 0 the pixels that lie between two layers with too few neighbours on either: mixtures of foreground and

@@ -5,6 +5,7 @@
 #ifndef DEPTHTWEEN_CORE_FILL_WEIGHTED_MEDIAN_H_
 #define DEPTHTWEEN_CORE_FILL_WEIGHTED_MEDIAN_H_
 
+#include <functional>
 #include <vector>
 
 #include "core/base/image.h"
@@ -18,10 +19,11 @@ struct MedianVoters {
   ImageView<const Rgb8> color;
 };
 
-// Voters of another time: around the place where `motion` (pixels) takes a pixel, each counting `weight`.
+// Voters of another time: around the place where `motion` (pixels; called where the mask is not zero, from several
+// threads) takes a pixel, each counting `weight`.
 struct MedianWitness {
   MedianVoters voters;
-  ImageView<const Flow2> motion;
+  std::function<Flow2(int x, int y)> motion;
   float weight = 1.0F;
 };
 

@@ -11,6 +11,20 @@ namespace depthtween {
 
 static_assert(sizeof(Flow2) == sizeof(cv::Vec2f), "Flow2 is read and written as two floats");
 
+namespace {
+
+// OpenCV's object holds a pyramid of buffers, and mapping them anew for each call takes as long as the flow itself:
+// each thread keeps its own. One that has seen a start would allocate anew for a call without, so there are two. What
+// they compute does not depend on earlier calls.
+cv::DISOpticalFlow& ThreadsOwnFlow(bool with_start) {
+  thread_local cv::Ptr<cv::DISOpticalFlow> own[2];
+  cv::Ptr<cv::DISOpticalFlow>& flow = own[with_start ? 1 : 0];
+  if (!flow) flow = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
+  return *flow;
+}
+
+}  // namespace
+
 absl::Status DenseFlowOptions::Validate() const {
   const auto error = [](const char* field, int value, const char* rule) {
     return absl::InvalidArgumentError(absl::StrFormat("DenseFlowOptions.%s = %d, must be %s", field, value, rule));
@@ -43,17 +57,17 @@ absl::StatusOr<Image<Flow2>> DenseFlow(ImageView<const uint8_t> from, ImageView<
   Image<Flow2> flow = start != nullptr ? start->Clone() : Image<Flow2>(from.width(), from.height());
   if (from.width() < 16 || from.height() < 16) return flow;
   try {
-    const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
-    dis->setFinestScale(options.finest_scale);
-    dis->setPatchStride(options.patch_stride);
-    dis->setGradientDescentIterations(options.descent_iterations);
-    dis->setVariationalRefinementIterations(options.refinement_iterations);
+    cv::DISOpticalFlow& dis = ThreadsOwnFlow(start != nullptr);
+    dis.setFinestScale(options.finest_scale);
+    dis.setPatchStride(options.patch_stride);
+    dis.setGradientDescentIterations(options.descent_iterations);
+    dis.setVariationalRefinementIterations(options.refinement_iterations);
     const auto mat = [](ImageView<const uint8_t> v) {
       return cv::Mat(v.height(), v.width(), CV_8UC1, const_cast<uint8_t*>(v.data()), v.stride());
     };
     cv::Mat result(flow.height(), flow.width(), CV_32FC2, flow.data());
     if (start == nullptr) result = cv::Mat();
-    dis->calc(mat(from), mat(to), result);
+    dis.calc(mat(from), mat(to), result);
     if (reinterpret_cast<const Flow2*>(result.data) != flow.data())
       for (int y = 0; y < flow.height(); ++y) std::copy_n(result.ptr<Flow2>(y), flow.width(), flow.row(y));
   } catch (const cv::Exception& e) {
@@ -88,6 +102,15 @@ Image<Flow2> Compose(ImageView<const Flow2> ab, ImageView<const Flow2> bc, int s
       ac(x, y) = {first.u + second.u, first.v + second.v};
     }
   return ac;
+}
+
+Flow2 FollowFlows(const std::vector<ImageView<const Flow2>>& steps, int x, int y) {
+  Flow2 motion = steps[0](x, y);
+  for (size_t i = 1; i < steps.size(); ++i) {
+    const Flow2 next = SampleFlow(steps[i], static_cast<float>(x) + motion.u, static_cast<float>(y) + motion.v);
+    motion = {motion.u + next.u, motion.v + next.v};
+  }
+  return motion;
 }
 
 }  // namespace depthtween

@@ -7,7 +7,7 @@
 #ifndef DEPTHTWEEN_CORE_FLOW_DENSE_FLOW_H_
 #define DEPTHTWEEN_CORE_FLOW_DENSE_FLOW_H_
 
-#include <optional>
+#include <vector>
 
 #include "core/base/image.h"
 #include "core/base/status.h"
@@ -40,6 +40,9 @@ Flow2 SampleFlow(ImageView<const Flow2> flow, float x, float y);
 // a->c from a->b and b->c: ac(x) = ab(x) + bc(x + ab(x)). `ab` may be known at every `step`-th pixel only: entry (i, j)
 // is pixel (i * step, j * step); so is the result.
 Image<Flow2> Compose(ImageView<const Flow2> ab, ImageView<const Flow2> bc, int step = 1);
+
+// Where `steps`, a->b, b->c, ..., take pixel (x, y) of frame a, as a displacement: what Compose has there. Not empty.
+Flow2 FollowFlows(const std::vector<ImageView<const Flow2>>& steps, int x, int y);
 
 }  // namespace depthtween
 

@@ -314,6 +314,7 @@ class Run {
     std::vector<Variant> variants = Ours();
     for (const std::string& part : PartNames()) {
       PipelineOptions without = Preset();
+      if (!without.Uses(part)) continue;
       RETURN_IF_ERROR(without.SwitchOff(part));
       variants.push_back({.name = part, .upsampler = MakePipeline(without)});
     }

@@ -339,7 +339,7 @@ class CausalRun {
     const int inner = ThreadsPerFrame();
     return stages_.SideBySide(static_cast<int>(frames_.size()), [&](int i) {
       Frame& frame = frames_[i];
-      Image<Flow2> motions[kWitnessFrames];
+      std::vector<ImageView<const Flow2>> steps;
       std::vector<MedianWitness> witnesses;
       const Frame* at = &frame;
       for (int d = 0; options_.witnesses && options_.median_radius > 0 && d < kWitnessFrames; ++d) {
@@ -348,9 +348,9 @@ class CausalRun {
         const int in_last = static_cast<int>(last_.size()) + index;
         const Frame* const before = index >= 0 ? &frames_[index] : in_last >= 0 ? &last_[in_last] : nullptr;
         if (before == nullptr || at->step_back.empty()) break;
-        motions[d] = d == 0 ? at->step_back.Clone() : Compose(motions[d - 1], at->step_back);
+        steps.push_back(at->step_back);
         witnesses.push_back({{before->fused.depth_m, before->fused.confidence, before->color},
-                             motions[d],
+                             [steps](int x, int y) { return FollowFlows(steps, x, y); },
                              std::pow(kWitnessWeight, static_cast<float>(d + 1))});
         at = before;
       }

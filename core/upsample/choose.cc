@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <optional>
 
 #include "core/base/parallel.h"
@@ -10,7 +11,7 @@ namespace depthtween {
 namespace {
 
 // Uncertain: this near to a depth jump, pixels ...
-constexpr int kJumpRadius = 5;
+constexpr int kJumpRadius = 3;
 // ... or a match worse than this, sRGB units (noise of a good camera costs 2-4, motion blur 10) ...
 constexpr float kHighCost = 20.0F;
 // ... or sides that differ by more than this share of depth.
@@ -25,9 +26,12 @@ constexpr float kFillFar = 40.0F;
 // A proposal must beat the incumbent by this much, so that on plain walls equal matches do not wander.
 constexpr float kMargin = 0.5F;
 // A match this good cannot be bettered by more than noise.
-constexpr float kGoodCost = 3.0F;
+constexpr float kGoodCost = 6.0F;
 // Two keys that measured the pixel, agree and match at least this well leave nothing to search for.
 constexpr float kConfirmedCost = 8.0F;
+
+// The first proposal's match is looked at in one row and column of so many, and holds up to the next.
+constexpr int kCostGrid = 2;
 
 // The key pixel at a sub-pixel place, clamped to the image.
 struct Pixel {
@@ -45,27 +49,24 @@ float CostOf(const MatchPatch& patch, const Key& key, float x, float y, float li
          kFillPenaltyPerPixel * std::min(kFillFar, filled);
 }
 
+// to |= from, pixel by pixel.
+void Unite(const uint8_t* __restrict from, uint8_t* __restrict to, int count) {
+  for (int x = 0; x < count; ++x) to[x] |= from[x];
+}
+
 // Separable dilation of a 0/1 mask by a square.
 Image<uint8_t> Dilate(const Image<uint8_t>& mask, int radius, int threads) {
   const int width = mask.width(), height = mask.height();
   Image<uint8_t> rows(width, height), out(width, height);
   ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y) {
-      int last = -radius - 1;  // column of the last set pixel seen
-      for (int x = 0; x < width + radius; ++x) {
-        if (x < width && mask(x, y)) last = x;
-        if (x >= radius && last >= x - 2 * radius) rows(x - radius, y) = 1;
-      }
-    }
+    for (int y = begin; y < end; ++y)
+      for (int dx = std::max(-radius, 1 - width); dx <= std::min(radius, width - 1); ++dx)
+        Unite(mask.row(y) + std::max(0, dx), rows.row(y) + std::max(0, -dx), width - std::abs(dx));
   });
   ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y) {
-      uint8_t* __restrict to = out.row(y);
-      for (int ny = std::max(0, y - radius); ny <= std::min(height - 1, y + radius); ++ny) {
-        const uint8_t* __restrict from = rows.row(ny);
-        for (int x = 0; x < width; ++x) to[x] |= from[x];
-      }
-    }
+    for (int y = begin; y < end; ++y)
+      for (int ny = std::max(0, y - radius); ny <= std::min(height - 1, y + radius); ++ny)
+        Unite(rows.row(ny), out.row(y), width);
   });
   return out;
 }
@@ -123,14 +124,15 @@ float SampleDepthInLayer(ImageView<const float> depth_m, float x, float y, const
 Image<uint8_t> NearDepthJumps(ImageView<const float> depth_m, int radius, const DepthNoise& noise, int threads) {
   const int width = depth_m.width(), height = depth_m.height();
   Image<uint8_t> jumps(width, height);
+  // Marks pixels of `a` that lie in another layer than those of `b`.
+  const auto mark = [noise](const float* __restrict a, const float* __restrict b, uint8_t* __restrict to, int count) {
+    for (int x = 0; x < count; ++x) to[x] |= static_cast<uint8_t>(!SameLayer(a[x], b[x], noise));
+  };
   ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y)
-      for (int x = 0; x < width; ++x) {
-        const float z = depth_m(x, y);
-        const bool right = x + 1 < width && !SameLayer(z, depth_m(x + 1, y), noise);
-        const bool below = y + 1 < height && !SameLayer(z, depth_m(x, y + 1), noise);
-        jumps(x, y) = right || below;
-      }
+    for (int y = begin; y < end; ++y) {
+      mark(depth_m.row(y), depth_m.row(y) + 1, jumps.row(y), width - 1);
+      if (y + 1 < height) mark(depth_m.row(y), depth_m.row(y + 1), jumps.row(y), width);
+    }
   });
   return Dilate(jumps, radius, threads);
 }
@@ -151,7 +153,7 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
   ParallelRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < width; ++x) {
-        const bool on_grid = x % 2 == 0 && y % 2 == 0;
+        const bool on_grid = x % kCostGrid == 0 && y % kCostGrid == 0;
         const std::optional<MatchPatch> patch = on_grid ? std::make_optional<MatchPatch>(target, x, y) : std::nullopt;
         for (int s = 0; s < sides; ++s) {
           const Flow2 m = input.proposals[s][0](x, y);
@@ -159,7 +161,7 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
           choice.sides[s].depth_m(x, y) = depth_at(s, x, y, m);
           choice.sides[s].cost(x, y) =
               on_grid ? CostOf(*patch, *input.keys[s], static_cast<float>(x) + m.u, static_cast<float>(y) + m.v)
-                      : choice.sides[s].cost(x & ~1, y & ~1);
+                      : choice.sides[s].cost(x - x % kCostGrid, y - y % kCostGrid);
         }
       }
   });

@@ -16,6 +16,14 @@ constexpr DenseFlowOptions FlowToKeyOptions(int finest_scale) {
   return {.finest_scale = finest_scale, .patch_stride = 6, .descent_iterations = 5, .refinement_iterations = 0};
 }
 
+// The same where motion is small: its error is smaller still, and half resolution is enough.
+constexpr DenseFlowOptions NearFlowToKeyOptions(int finest_scale) {
+  return {.finest_scale = finest_scale > 1 ? finest_scale : 1,
+          .patch_stride = 4,
+          .descent_iterations = 12,
+          .refinement_iterations = 0};
+}
+
 // A track's two ends whose depths differ by more than this share of the nearer are on two surfaces.
 inline constexpr float kSameSurface = 0.2F;
 

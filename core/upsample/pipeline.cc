@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 #include <utility>
 #include <vector>
 
@@ -22,7 +23,7 @@
 namespace depthtween {
 namespace {
 
-// Over so few frames, and so few pixels in the mean, motion is small and its error smaller: half resolution is enough.
+// Over so few frames, and so few pixels in the mean, motion is small.
 constexpr int kNearFrames = 2;
 constexpr double kNearMotionPx = 4.0;
 // Surfaces are drawn from every second pixel: inside a layer motion is smooth, and a proposal need not know its edges.
@@ -155,7 +156,7 @@ class IntervalRun {
   absl::Status FlowToKeys() {
     const int count = window_.size();
     const DenseFlowOptions far = FlowToKeyOptions(options_.flow_finest_scale);
-    const DenseFlowOptions near{.finest_scale = std::max(1, options_.flow_finest_scale)};
+    const DenseFlowOptions near = NearFlowToKeyOptions(options_.flow_finest_scale);
     for (int side = 0; side < 2; ++side) composed_[side].resize(count), refined_[side].resize(count);
     RETURN_IF_ERROR(stages_.SideBySide(2, [&](int side) {
       const int key = KeyInWindow(side);
@@ -276,19 +277,19 @@ class IntervalRun {
     const int inner = ThreadsPerFrame();
     return stages_.SideBySide(interval_.frame_count, [&](int i) {
       const int frame = FrameInWindow(i);
-      Image<Flow2> motions[2 * kWitnessFrames];
       std::vector<MedianWitness> witnesses;
-      for (const int direction : {-1, 1})
+      for (const int direction : {-1, 1}) {
+        std::vector<ImageView<const Flow2>> steps;
         for (int d = 1; options_.witnesses && options_.median_radius > 0 && d <= kWitnessFrames; ++d) {
           const int at = frame + direction * d;
           if (at < 0 || at >= window_.size()) break;
           const MedianVoters voters = voters_of(at);
           if (voters.depth_m.empty()) break;
-          const Image<Flow2>& step = direction > 0 ? forward_[at - 1] : backward_[at];
-          Image<Flow2>& motion = motions[witnesses.size()];
-          motion = d == 1 ? step.Clone() : Compose(witnesses.back().motion, step);
-          witnesses.push_back({voters, motion, std::pow(kWitnessWeight, static_cast<float>(d))});
+          steps.push_back(direction > 0 ? forward_[at - 1] : backward_[at]);
+          witnesses.push_back({voters, [steps](int x, int y) { return FollowFlows(steps, x, y); },
+                               std::pow(kWitnessWeight, static_cast<float>(d))});
         }
+      }
       settled_[i] = MedianNearJumps(fused_[i], window_.color[frame], witnesses, options_.median_radius, noise_, inner);
       return absl::OkStatus();
     });
@@ -297,7 +298,10 @@ class IntervalRun {
   // What is left are pixels beside a jump; all frames of the interval together know better on which side they lie. Each
   // pass sees what the one before decided.
   absl::Status DecideSilhouettes() {
+    std::vector<Image<uint8_t>> changed(interval_.frame_count);  // by the pass before
     for (int pass = 0; pass < options_.silhouette_passes; ++pass) {
+      const SilhouetteWeights& weights =
+          options_.silhouette_weights[std::min(static_cast<size_t>(pass), options_.silhouette_weights.size() - 1)];
       std::vector<SilhouetteFrame> window(window_.size());
       for (int k = 0; k < window_.size(); ++k) {
         const int i = k - FrameInWindow(0);
@@ -311,10 +315,11 @@ class IntervalRun {
                                                                        .fused = &fused_[i],
                                                                        .choice = &choices_[i],
                                                                        .keys = {&keys_[0], &keys_[1]},
-                                                                       .noise = noise_});
-        if (options_.on_silhouettes && pass == 0) options_.on_silhouettes(interval_.first_frame + i, pixels);
+                                                                       .noise = noise_,
+                                                                       .changed = changed[i]});
+        if (options_.on_silhouettes) options_.on_silhouettes(interval_.first_frame + i, pass, pixels);
         decided[i] = settled_[i].Clone();
-        SettleSilhouettes(pixels, decided[i]);
+        changed[i] = SettleSilhouettes(pixels, weights, decided[i]);
         return absl::OkStatus();
       }));
       settled_ = std::move(decided);
@@ -396,35 +401,48 @@ class Pipeline : public Upsampler {
   const PipelineOptions options_;
 };
 
+// What PartNames() names.
+struct Part {
+  std::string_view name;
+  bool (*used)(const PipelineOptions& options);
+  void (*leave_out)(PipelineOptions& options);
+};
+constexpr Part kParts[] = {
+    {"settle", [](const auto& o) { return o.settle; }, [](auto& o) { o.settle = false; }},
+    {"draw", [](const auto& o) { return o.draw; }, [](auto& o) { o.draw = false; }},
+    {"propagation", [](const auto& o) { return o.sweeps > 0; }, [](auto& o) { o.sweeps = 0; }},
+    {"median", [](const auto& o) { return o.median_radius > 0; }, [](auto& o) { o.median_radius = 0; }},
+    {"witnesses", [](const auto& o) { return o.witnesses; }, [](auto& o) { o.witnesses = false; }},
+    {"silhouettes", [](const auto& o) { return o.silhouette_passes > 0; }, [](auto& o) { o.silhouette_passes = 0; }},
+};
+const Part* FindPart(std::string_view name) {
+  const auto* const part =
+      std::find_if(std::begin(kParts), std::end(kParts), [&](const Part& p) { return p.name == name; });
+  return part == std::end(kParts) ? nullptr : part;
+}
+
 }  // namespace
 
 absl::StatusOr<PipelineOptions> PipelineOptions::ForPreset(std::string_view name) {
   if (name == "fast")
-    return PipelineOptions{
-        .sweeps = 1, .silhouette_passes = 0, .flow_finest_scale = 1, .draw = false, .witnesses = false};
+    return PipelineOptions{.sweeps = 1, .silhouette_passes = 0, .flow_finest_scale = 1, .witnesses = false};
   if (name == "balanced") return PipelineOptions{};
-  if (name == "best") return PipelineOptions{.sweeps = 3, .silhouette_passes = 4};
+  if (name == "best") return PipelineOptions{.sweeps = 3, .silhouette_passes = 4, .draw = true};
   return absl::InvalidArgumentError(absl::StrFormat("preset '%s' is not known: the presets are %s", std::string(name),
                                                     absl::StrJoin(PresetNames(), ", ")));
 }
 
+bool PipelineOptions::Uses(std::string_view part) const {
+  const Part* const known = FindPart(part);
+  return known != nullptr && known->used(*this);
+}
+
 absl::Status PipelineOptions::SwitchOff(std::string_view part) {
-  if (part == "settle") {
-    settle = false;
-  } else if (part == "draw") {
-    draw = false;
-  } else if (part == "propagation") {
-    sweeps = 0;
-  } else if (part == "median") {
-    median_radius = 0;
-  } else if (part == "witnesses") {
-    witnesses = false;
-  } else if (part == "silhouettes") {
-    silhouette_passes = 0;
-  } else {
+  const Part* const known = FindPart(part);
+  if (known == nullptr)
     return absl::InvalidArgumentError(absl::StrFormat("'%s' cannot be switched off: the parts are %s",
                                                       std::string(part), absl::StrJoin(PartNames(), ", ")));
-  }
+  known->leave_out(*this);
   return absl::OkStatus();
 }
 
@@ -436,6 +454,9 @@ absl::Status PipelineOptions::Validate() const {
   if (median_radius < 0 || median_radius > 15) return error("median_radius", median_radius, "between 0 and 15");
   if (silhouette_passes < 0 || silhouette_passes > 20)
     return error("silhouette_passes", silhouette_passes, "between 0 and 20");
+  if (silhouette_weights.empty())
+    return absl::InvalidArgumentError(
+        "PipelineOptions.silhouette_weights is empty, must have a set for one pass at least");
   if (flow_finest_scale < 0 || flow_finest_scale > 5)
     return error("flow_finest_scale", flow_finest_scale, "between 0 and 5");
   return absl::OkStatus();

@@ -31,11 +31,12 @@ struct PipelineOptions {
   int flow_finest_scale = 0;
   // Stages that one can do without, to learn what each is worth.
   bool settle = true;     // keys by the depth frames before and after them, where the scene stood still
-  bool draw = true;       // keys' surfaces moved and drawn as proposals
+  bool draw = false;      // keys' surfaces moved and drawn as proposals: helps fast motion alone, so only "best" does
   bool witnesses = true;  // the frames on either side vote in the median too
-  // For fitting the weights of silhouettes: receives what the first pass looks at, before it decides. Called from
-  // several threads. May be empty.
-  std::function<void(int color_index, const std::vector<SilhouettePixel>&)> on_silhouettes = nullptr;
+  // For fitting the weights of silhouettes: those of each pass, the last also of all passes after it, and a function
+  // that receives what a pass looks at before it decides, called from several threads; it may be empty.
+  std::vector<SilhouetteWeights> silhouette_weights{kSilhouetteWeights.begin(), kSilhouetteWeights.end()};
+  std::function<void(int color_index, int pass, const std::vector<SilhouettePixel>&)> on_silhouettes = nullptr;
 
   // Looks at nothing later than the frame itself: causal.h. Has no keys to draw or frames to look ahead to; sweeps,
   // median, settling and witnesses mean what they mean elsewhere.
@@ -46,6 +47,8 @@ struct PipelineOptions {
   // "propagation", "median" and "silhouettes" stand for sweeps = 0, median_radius = 0 and silhouette_passes = 0.
   // InvalidArgument lists the parts if `part` is none of them.
   absl::Status SwitchOff(std::string_view part);
+  // False for names that are no part.
+  bool Uses(std::string_view part) const;
   absl::Status Validate() const;
 };
 

@@ -36,27 +36,36 @@ struct SilhouetteInput {
   const Choice* choice = nullptr;       // of the target
   std::array<const Key*, 2> keys = {};  // before [0] and after [1]
   DepthNoise noise;
+  // Not 0 where the pass before changed the target's depth: only pixels near such ones are looked at again. Empty in
+  // the first pass, which looks at all.
+  ImageView<const uint8_t> changed = {};
 };
 
 // What speaks for the nearer surface (positive) or the farther (negative). The first three say how sure the present
 // answer is, the others where the pixel belongs.
 enum SilhouetteEvidence : int {
-  kConfirmed,       // the present answer, where both keys measured it and agree
-  kSeenFromBoth,    // the present answer, where its provenance is kBoth ...
-  kSeenFromOne,     // ... or kOne
-  kLikeColors,      // log ratio of the neighbours on either surface whose colour is like the pixel's within noise, ...
-  kAkinColors,      // ... and within shading
-  kColorConstancy,  // how much better the colour keeps along the nearer surface's motion than along the farther's
-  kKeyLabels,       // what the keys measured where the nearer surface's motion leads
-  kNeighbours,      // how many of the eight neighbours lie on the nearer surface
-  kNextFrames,      // on which surface the next frames see it, along the nearer surface's motion, ...
-  kSecondFrames,    // ... and those after them
+  kConfirmed,        // the present answer, where both keys measured it and agree
+  kSeenFromBoth,     // the present answer, where its provenance is kBoth ...
+  kSeenFromOne,      // ... or kOne
+  kLikeColors,       // log ratio of the neighbours on either surface whose colour is like the pixel's within noise, ...
+  kAkinColors,       // ... and within shading
+  kColorConstancy,   // how much better the colour keeps along the nearer surface's motion than along the farther's
+  kKeyLabels,        // what the keys measured where the nearer surface's motion leads, ...
+  kTimelyKeyLabels,  // ... and the same, each key by how near in time it is
+  kNeighbours,       // how many of the eight neighbours lie on the nearer surface
+  kNextFrames,       // on which surface the next frames see it, along the nearer surface's motion, ...
+  kSecondFrames,     // ... and those after them
   kEvidenceCount
 };
 
-// Fitted by tests/bench/silhouette_fit on the library's scenes.
-inline constexpr std::array<float, kEvidenceCount> kSilhouetteWeights = {-0.60F, 0.76F, 0.35F, 0.30F, 0.13F,
-                                                                         0.10F,  0.70F, 1.65F, 0.32F, 0.36F};
+using SilhouetteWeights = std::array<float, kEvidenceCount>;
+
+// Of the first pass, and of those after it, which see what the one before decided. Fitted by tests/bench/silhouette_fit
+// on the library's scenes.
+inline constexpr std::array<SilhouetteWeights, 2> kSilhouetteWeights = {{
+    {-0.70F, 0.82F, 0.32F, 0.27F, 0.17F, 0.10F, 0.40F, 0.60F, 1.57F, 0.30F, 0.37F},
+    {-0.26F, 0.61F, 0.23F, 0.24F, 0.19F, 0.06F, 0.04F, 0.91F, 1.01F, 0.35F, 0.18F},
+}};
 
 // A pixel with a neighbour (of four) in another layer.
 struct SilhouettePixel {
@@ -66,10 +75,12 @@ struct SilhouettePixel {
   std::array<float, kEvidenceCount> evidence = {};
 };
 
+// Images narrower than 16 pixels have none that could be decided.
 std::vector<SilhouettePixel> LookAtSilhouettes(const SilhouetteInput& input);
 
-// Gives each pixel the depth that its evidence speaks for.
-void SettleSilhouettes(const std::vector<SilhouettePixel>& pixels, ImageView<float> depth_m);
+// Gives each pixel the depth that its evidence speaks for. Returns 1 where that is another than before.
+Image<uint8_t> SettleSilhouettes(const std::vector<SilhouettePixel>& pixels, const SilhouetteWeights& weights,
+                                 ImageView<float> depth_m);
 
 }  // namespace depthtween
 

@@ -3,9 +3,9 @@
 // Every scene of the library (33 colour frames, 512 x 424, Kinect-like noise, the seed given) goes through the
 // pipeline; for each pixel beside a silhouette the evidence and the truth (which of its two depths is nearer to the
 // exact one) are collected. Logistic regression by Newton's method; a pixel counts by the squared error (m^2) that a
-// wrong decision costs, scaled to a mean of 1 in each scene. Prints the weights in the order of SilhouetteEvidence, and
-// for each scene the squared error beside silhouettes after the decision as a share of that before, with these weights
-// and with those in use.
+// wrong decision costs, scaled to a mean of 1 in each scene. One pass after the other: each is fitted on what the
+// passes before it, as fitted, leave. Prints the weights in the order of SilhouetteEvidence, and for each scene the
+// squared error beside silhouettes after the decision as a share of that before it.
 //
 // Usage: silhouette_fit [seed, default 1]
 #include <cmath>
@@ -32,12 +32,18 @@ struct Sample {
   float near_error2 = 0, far_error2 = 0;  // m^2, of either answer
 };
 
-absl::StatusOr<std::vector<Sample>> Collect(const std::string& scene, uint64_t seed) {
+// What the pass after `passes` looks at.
+absl::StatusOr<std::vector<Sample>> Collect(const std::string& scene, uint64_t seed,
+                                            const std::vector<SilhouetteWeights>& passes) {
   ASSIGN_OR_RETURN(const auto clip, SyntheticSequence::Create({.scene = scene, .seed = seed}, AvailableThreads()));
   std::vector<Sample> samples;
   std::mutex mutex;
-  PipelineOptions options;
-  options.on_silhouettes = [&](int color_index, const std::vector<SilhouettePixel>& pixels) {
+  const int collected = static_cast<int>(passes.size());
+  PipelineOptions options{.silhouette_passes = collected + 1};
+  options.silhouette_weights = passes;
+  options.silhouette_weights.push_back({});
+  options.on_silhouettes = [&](int color_index, int pass, const std::vector<SilhouettePixel>& pixels) {
+    if (pass != collected) return;
     const Image<float> truth = clip->ColorView(color_index).Surface(1).depth_m.Clone();
     const std::lock_guard lock(mutex);
     for (const SilhouettePixel& pixel : pixels) {
@@ -93,24 +99,34 @@ double ShareLeft(const Weights& weights, const std::vector<Sample>& samples) {
   return after / before;
 }
 
-absl::Status Run(uint64_t seed) {
+absl::StatusOr<SilhouetteWeights> FitPass(uint64_t seed, const std::vector<SilhouetteWeights>& passes) {
   std::vector<std::vector<Sample>> scenes;
   std::vector<std::string> names;
   for (const SceneInfo& info : SceneList()) {
     if (info.name == "still") continue;  // no motion to learn from
     names.emplace_back(info.name);
-    ASSIGN_OR_RETURN(scenes.emplace_back(), Collect(names.back(), seed));
+    ASSIGN_OR_RETURN(scenes.emplace_back(), Collect(names.back(), seed, passes));
     std::fprintf(stderr, "%s: %zu pixels\n", names.back().c_str(), scenes.back().size());
   }
   const Weights fitted = Fit(scenes);
-  Weights in_use;
-  for (int i = 0; i < kEvidenceCount; ++i) in_use[i] = kSilhouetteWeights[i];
-  std::printf("weights:");
-  for (const double weight : fitted) std::printf(" %.3f", weight);
-  std::printf("\n\n| scene | pixels | squared error left, fitted | in use |\n|---|---:|---:|---:|\n");
+  SilhouetteWeights weights;
+  std::printf("weights of pass %zu: {", passes.size() + 1);
+  for (int i = 0; i < kEvidenceCount; ++i) {
+    weights[i] = static_cast<float>(fitted[i]);
+    std::printf("%s%.2fF", i == 0 ? "" : ", ", weights[i]);
+  }
+  std::printf("}\n\n| scene | pixels | squared error left |\n|---|---:|---:|\n");
   for (size_t i = 0; i < scenes.size(); ++i)
-    std::printf("| %s | %zu | %.3f | %.3f |\n", names[i].c_str(), scenes[i].size(), ShareLeft(fitted, scenes[i]),
-                ShareLeft(in_use, scenes[i]));
+    std::printf("| %s | %zu | %.3f |\n", names[i].c_str(), scenes[i].size(), ShareLeft(fitted, scenes[i]));
+  std::printf("\n");
+  return weights;
+}
+
+absl::Status Run(uint64_t seed) {
+  std::vector<SilhouetteWeights> passes;
+  while (passes.size() < kSilhouetteWeights.size()) {
+    ASSIGN_OR_RETURN(passes.emplace_back(), FitPass(seed, passes));
+  }
   return absl::OkStatus();
 }
 

@@ -252,7 +252,8 @@ TEST(WeightedMedian, WitnessesOutvoteAnEdgeThatOneFrameGotWrong) {
   };
   const Image<float> wrong = edge_at(21), before = edge_at(17), after = edge_at(23), sure(40, 30, 1.0F);
   const Image<Rgb8> grey(40, 30, Rgb8{90, 90, 90});
-  const Image<Flow2> back(40, 30, Flow2{-3, 0}), forth(40, 30, Flow2{3, 0});
+  const auto back = [](int, int) { return Flow2{-3, 0}; };
+  const auto forth = [](int, int) { return Flow2{3, 0}; };
   const std::vector<MedianWitness> witnesses = {{{before, sure, grey}, back, 1.0F}, {{after, sure, grey}, forth, 1.0F}};
   const Image<uint8_t> everywhere(40, 30, uint8_t{1});
   EXPECT_EQ(WeightedMedian({wrong, sure, grey}, {}, everywhere, {}, 1)(20, 15), 1.0F);
@@ -267,7 +268,7 @@ TEST(WeightedMedian, WitnessesMayLookFartherThanTheFrameItself) {
   for (int d = -1; d <= 1; ++d) seen(10 + d, 7) = 3.0F, seen(10 + d, 12) = 2.0F;
   const Image<float> sure(21, 21, 1.0F);
   const Image<Rgb8> grey(21, 21, Rgb8{90, 90, 90});
-  const Image<Flow2> still(21, 21);
+  const auto still = [](int, int) { return Flow2{}; };
   const std::vector<MedianWitness> witnesses = {{{seen, sure, grey}, still, 1.0F}};
   Image<uint8_t> mask(21, 21, uint8_t{0});
   mask(10, 10) = 1;

@@ -72,5 +72,21 @@ TEST(Compose, AddsTheSecondStepWhereTheFirstLands) {
   EXPECT_EQ(ac(19, 9), (Flow2{2 + 19, 1 - 9}));  // clamped at the border
 }
 
+TEST(FollowFlows, IsWhatComposeHasThere) {
+  Image<Flow2> ab(20, 10), bc(20, 10), cd(20, 10);
+  for (int y = 0; y < 10; ++y)
+    for (int x = 0; x < 20; ++x) {
+      ab(x, y) = {0.3F * static_cast<float>(y), -0.7F};
+      bc(x, y) = {0.5F * static_cast<float>(x), static_cast<float>(-y)};
+      cd(x, y) = {1.25F, 0.1F * static_cast<float>(x * y)};
+    }
+  const Image<Flow2> ad = Compose(Compose(ab, bc), cd);
+  for (int y = 0; y < 10; ++y)
+    for (int x = 0; x < 20; ++x) {
+      EXPECT_EQ(FollowFlows({ab, bc, cd}, x, y), ad(x, y));
+      EXPECT_EQ(FollowFlows({ab}, x, y), ab(x, y));
+    }
+}
+
 }  // namespace
 }  // namespace depthtween

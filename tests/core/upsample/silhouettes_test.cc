@@ -70,7 +70,7 @@ struct Situation {
 
   Image<float> Settled() const {
     Image<float> depth = fused.depth_m.Clone();
-    SettleSilhouettes(LookAtSilhouettes(input), depth);
+    SettleSilhouettes(LookAtSilhouettes(input), kSilhouetteWeights[0], depth);
     return depth;
   }
 

@@ -300,6 +300,19 @@ TEST(PipelineOptions, ExplainWhatIsWrong) {
 }
 
 // On a rendered scene with a sensor's noise, whose truth is exact: closer to it than every baseline.
+TEST(PipelineOptions, EveryPartCanBeSwitchedOff) {
+  for (const std::string& part : PartNames()) {
+    PipelineOptions options = *PipelineOptions::ForPreset("best");
+    EXPECT_TRUE(options.Uses(part)) << part;
+    ASSERT_TRUE(options.SwitchOff(part).ok()) << part;
+    for (const std::string& other : PartNames()) EXPECT_EQ(options.Uses(other), other != part) << part << " " << other;
+  }
+  PipelineOptions options;
+  EXPECT_FALSE(options.Uses("draw")) << "it earns its time in preset best alone";
+  EXPECT_FALSE(options.Uses("luck"));
+  EXPECT_THAT(options.SwitchOff("luck").message(), ::testing::HasSubstr("the parts are settle, draw"));
+}
+
 TEST(Pipeline, BeatsTheBaselinesOnARenderedScene) {
   const RenderedClip clip({.scene = "bounce", .frames = 9, .width = 192, .height = 160});
   const auto constants = EstimateClipConstants(clip.source());
