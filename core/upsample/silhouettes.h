@@ -64,7 +64,7 @@ using SilhouetteWeights = std::array<float, kEvidenceCount>;
 // on the library's scenes.
 inline constexpr std::array<SilhouetteWeights, 2> kSilhouetteWeights = {{
     {-0.70F, 0.82F, 0.32F, 0.27F, 0.17F, 0.10F, 0.40F, 0.60F, 1.57F, 0.30F, 0.37F},
-    {-0.26F, 0.61F, 0.23F, 0.24F, 0.19F, 0.06F, 0.04F, 0.91F, 1.01F, 0.35F, 0.18F},
+    {-0.30F, 0.62F, 0.20F, 0.25F, 0.21F, 0.05F, 0.01F, 0.99F, 1.04F, 0.36F, 0.15F},
 }};
 
 // A pixel with a neighbour (of four) in another layer.
