@@ -9,22 +9,10 @@
 #include "core/solve/level.h"
 #include "gtest/gtest.h"
 #include "tests/core/solve/moving_plane.h"
+#include "tests/core/solve/some_level.h"
 
 namespace depthtween {
 namespace {
-
-Level SomeLevel(const MovingPlane& plane, const SolveOptions& options, Planes& unknowns) {
-  const SolveProblem problem = plane.Problem();
-  const IdealPixels pixels(problem.camera);
-  const PartnerSurface other{problem.other.depth_m, problem.other.color, &pixels, problem.noise, problem.step};
-  const Evidence evidence = GatherEvidence(problem, options, pixels);
-  Level level =
-      MakeLevel(problem, options, pixels, evidence, std::move(DecimatePoints(evidence, problem.noise, 1)[0]), 1);
-  unknowns = Planes(level.data.grid, level.data.unknowns());
-  StartFromTracks(problem, evidence, other, level, unknowns);
-  Associate(problem, options, pixels, evidence, other, unknowns, level);
-  return level;
-}
 
 // In every combination of model and single term, and with all of them together.
 TEST(Energy, GradientIsTheSlopeOfTheValue) {
