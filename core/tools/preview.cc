@@ -180,8 +180,8 @@ void DrawErrorLegend(cv::Mat& canvas, int x, int y, int width) {
   const double shown_cm = 100 * kErrorShownM;
   std::vector<Tick> ticks;
   for (const double fraction : {0.0, 0.25, 0.5, 0.75, 1.0})
-    ticks.push_back({fraction, absl::StrFormat("%+g cm", (2 * fraction - 1) * shown_cm)});
-  ticks[2].label = "0";
+    ticks.push_back(
+        {fraction, fraction == 0.5 ? std::string(1, '0') : absl::StrFormat("%+g cm", (2 * fraction - 1) * shown_cm)});
   DrawLegend(canvas, x, y, width, ticks, ErrorColor);
 }
 

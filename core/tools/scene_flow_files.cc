@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/parallel.h"
@@ -85,11 +86,11 @@ const std::vector<std::string>& SceneFlowFormats() {
 std::string SceneFlowNpzName(const std::string& stem) { return "sceneflow/" + stem + ".npz"; }
 
 absl::Status MakeSceneFlowFolders(const std::string& dir, const std::vector<std::string>& formats) {
-  std::vector<const char*> folders;
-  if (Wants(formats, "npz")) folders.push_back("sceneflow");
-  if (Wants(formats, "flo")) folders.insert(folders.end(), {"flow", "depth_change"});
-  if (Wants(formats, "kitti")) folders.insert(folders.end(), {"kitti/flow", "kitti/disp_0", "kitti/disp_1"});
-  for (const char* folder : folders) RETURN_IF_ERROR(MakeFolder(JoinPath(dir, folder)));
+  constexpr std::pair<const char*, const char*> kFolders[] = {{"npz", "sceneflow"},      {"flo", "flow"},
+                                                              {"flo", "depth_change"},   {"kitti", "kitti/flow"},
+                                                              {"kitti", "kitti/disp_0"}, {"kitti", "kitti/disp_1"}};
+  for (const auto& [format, folder] : kFolders)
+    if (Wants(formats, format)) RETURN_IF_ERROR(MakeFolder(JoinPath(dir, folder)));
   return absl::OkStatus();
 }
 
