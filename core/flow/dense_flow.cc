@@ -13,7 +13,7 @@ static_assert(sizeof(Flow2) == sizeof(cv::Vec2f), "Flow2 is read and written as 
 
 namespace {
 
-// OpenCV's object holds a pyramid of buffers, and mapping them anew for each call takes as long as the flow itself:
+// OpenCV's object holds a pyramid of buffers, and mapping them anew for each call can take as long as the flow itself:
 // each thread keeps its own. One that has seen a start would allocate anew for a call without, so there are two. What
 // they compute does not depend on earlier calls.
 cv::DISOpticalFlow& ThreadsOwnFlow(bool with_start) {

@@ -1,6 +1,7 @@
 #include "core/upsample/silhouettes.h"
 
 #include <cmath>
+#include <cstdlib>
 #include <random>
 #include <vector>
 
@@ -115,6 +116,24 @@ TEST(Silhouettes, LooksOnlyBesideJumps) {
     EXPECT_EQ(pixel.far_m, kFarM);
     EXPECT_EQ(pixel.is_near, depth(pixel.x, pixel.y) == kNearM);
     for (const float evidence : pixel.evidence) EXPECT_TRUE(std::isfinite(evidence));
+  }
+}
+
+// A later pass looks again at the pixels within two of a change, and at no others.
+TEST(Silhouettes, LooksAgainOnlyNearChanges) {
+  const MovingBox scene;
+  Situation situation(scene, 4, MovingBox::Depth(4, 0));
+  const size_t all = LookAtSilhouettes(situation.input).size();
+  Image<uint8_t> changed(kWidth, kHeight);
+  situation.input.changed = changed;
+  EXPECT_TRUE(LookAtSilhouettes(situation.input).empty());
+  changed(24, 20) = 1;  // the left side of the box
+  const std::vector<SilhouettePixel> pixels = LookAtSilhouettes(situation.input);
+  EXPECT_EQ(pixels.size(), 10U);  // five rows, both sides of the jump
+  EXPECT_LT(pixels.size(), all);
+  for (const SilhouettePixel& pixel : pixels) {
+    EXPECT_LE(std::abs(pixel.x - 24), 2);
+    EXPECT_LE(std::abs(pixel.y - 20), 2);
   }
 }
 
