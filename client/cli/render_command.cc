@@ -134,6 +134,7 @@ int Render(const RenderCommand& command) {
   order.set_display_name(job->display_name());
   order.set_sequence(job->sequence());
   *order.mutable_options() = job->options();
+  order.mutable_options()->clear_scene_flow();  // for pictures it would be made once more
   *order.add_renders() = renders->front();
   order.set_depth_from(*name);
   job = client::SubmitJob(**connection, order);

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/clock_flag.h"
 #include "client/cli/commands.h"
 #include "client/cli/common.h"
 #include "client/cli/exit_codes.h"
@@ -31,6 +32,8 @@ const std::map<std::string, v1::UpsampleOptions::Preset> kPresets = {{"fast", v1
                                                                      {"balanced", v1::UpsampleOptions::PRESET_BALANCED},
                                                                      {"best", v1::UpsampleOptions::PRESET_BEST}};
 
+constexpr int kMaxThreads = 1024;  // that a server takes: UpsampleOptions.threads
+
 struct SubmitOptions {
   CommonOptions common;
   std::string sequence;
@@ -44,6 +47,7 @@ struct SubmitOptions {
   std::vector<std::string> without;
   bool self_check = false;
   bool causal = false;
+  bool scene_flow = false;
   std::string clock = "stamps";
   RenderFlags renders;
   v1::RenderOptions::Container container = v1::RenderOptions::CONTAINER_UNSPECIFIED;
@@ -166,6 +170,7 @@ int Submit(const SubmitOptions& options, SubmitResult& result) {
   order.mutable_options()->mutable_without()->Assign(options.without.begin(), options.without.end());
   order.mutable_options()->set_self_check(options.self_check);
   order.mutable_options()->set_causal(options.causal);
+  order.mutable_options()->set_scene_flow(options.scene_flow);
   order.mutable_options()->set_clock(options.clock);
   for (const v1::RenderOptions& render : *renders) *order.add_renders() = render;
   absl::StatusOr<v1::Job> job = client::SubmitJob(**connection, order);
@@ -209,7 +214,7 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str();
   command->add_option("--threads", options->threads, "Threads of each worker; 0: the server decides. Same result")
       ->type_name("N")
-      ->check(CLI::Range(0, 1024))
+      ->check(CLI::Range(0, kMaxThreads))
       ->capture_default_str();
   std::vector<std::string> presets;
   for (const auto& [name, preset] : kPresets) presets.push_back(name);
@@ -233,7 +238,12 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
                    "number), estimate (from the images), or OFFSET_MS[,DRIFT_PPM] that the depth clock is ahead and "
                    "gains, such as 4,300 (negative: --clock=-4)")
       ->type_name("CLOCK")
+      ->check(ClockProblem)
       ->capture_default_str();
+  command->add_flag(
+      "--scene-flow", options->scene_flow,
+      "Also the 3-D motion of every frame to the next, metres: sceneflow/*.npz, but for frames before the "
+      "first and after the last depth frame");
   command->add_flag("--self-check", options->self_check,
                     "First hold out every second depth frame and report how far ours, flow-warp, linear and hold are "
                     "from it on this recording; costs at most what 24 intervals cost");

@@ -140,8 +140,8 @@ absl::Status CheckName(const std::string& name) {
 
 // What a result has, and what the new one will have: pictures of another job under other names stay.
 absl::Status RemoveResult(const std::string& directory, const v1::ListOutputsResponse& outputs) {
-  std::vector<std::string> parts = {".fetch.json", "report.json", "depth.txt",  "camera.json",
-                                    "depth",       "uncertainty", "provenance", "motion"};
+  std::vector<std::string> parts = {".fetch.json", "report.json", "depth.txt", "camera.json", "depth",
+                                    "uncertainty", "provenance",  "motion",    "sceneflow"};
   for (const v1::Output& output : outputs.outputs()) {
     const std::string part = output.kind() == v1::Output::KIND_FRAMES ? LastPart(output.name()) : output.file_name();
     RETURN_IF_ERROR(CheckName(part));
@@ -222,7 +222,10 @@ absl::StatusOr<int64_t> FetchFile(Connection& connection, const std::string& nam
 }
 
 absl::StatusOr<std::string> FrameFileName(const v1::FrameHeader& header) {
-  const std::string name = absl::StrCat(header.stem(), header.encoding() == v1::ENCODING_JPEG ? ".jpg" : ".png");
+  const char* const extension = header.encoding() == v1::ENCODING_JPEG  ? ".jpg"
+                                : header.encoding() == v1::ENCODING_NPZ ? ".npz"
+                                                                        : ".png";
+  const std::string name = absl::StrCat(header.stem(), extension);
   RETURN_IF_ERROR(CheckName(name));
   return name;
 }
@@ -294,7 +297,10 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
     request.set_follow(options.follow);
     RETURN_IF_ERROR(StreamFrames(connection, request, [&](const Frame& frame) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string name, FrameFileName(frame.header));
-      RETURN_IF_ERROR(WriteFile(absl::StrCat(directory, "/", folder, "/", name), frame.bytes));
+      // One without bytes says that this output has nothing for the frame.
+      if (!frame.bytes.empty()) {
+        RETURN_IF_ERROR(WriteFile(absl::StrCat(directory, "/", folder, "/", name), frame.bytes));
+      }
       RETURN_IF_ERROR(state.SetNextFrame(folder, frame.next_frame));
       progress.frames_done += 1;
       progress.bytes += static_cast<int64_t>(frame.bytes.size());

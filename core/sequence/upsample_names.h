@@ -19,6 +19,9 @@ const std::vector<std::string>& PresetNames();
 // The stages of method "ours" that one can do without. PipelineOptions::SwitchOff knows each.
 const std::vector<std::string>& PartNames();
 
+// More threads than this nobody may ask for, locally or of a server.
+inline constexpr int kMaxThreads = 1024;
+
 }  // namespace depthtween
 
 #endif  // DEPTHTWEEN_CORE_SEQUENCE_UPSAMPLE_NAMES_H_

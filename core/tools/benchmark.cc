@@ -508,7 +508,7 @@ std::string_view ClipKindName(ClipKind kind) {
 }
 
 absl::Status BenchmarkOptions::Validate() const {
-  const auto error = [](const char* field, int value, const char* rule) {
+  const auto error = [](const char* field, int value, const std::string& rule) {
     return absl::InvalidArgumentError(absl::StrFormat("%s = %d, must be %s", field, value, rule));
   };
   for (const std::string& table : tables)
@@ -525,7 +525,8 @@ absl::Status BenchmarkOptions::Validate() const {
   // Two intervals: the fewest that keys can be settled in.
   if (frames < 2 * kUsualRatio + 1 || frames > 100'000) return error("frames", frames, "between 17 and 100000");
   if (rounds < 1 || rounds > 1000) return error("rounds", rounds, "between 1 and 1000");
-  if (threads < 1 || threads > kMaxThreads) return error("threads", threads, "between 1 and 1024");
+  if (threads < 1 || threads > kMaxThreads)
+    return error("threads", threads, absl::StrCat("between 1 and ", kMaxThreads));
   return SyntheticOptions{.frames = frames, .width = width, .height = height}.Validate();
 }
 

@@ -46,14 +46,15 @@ absl::Status WriteNpzOf(const std::string& path, const SceneFlow& flow) {
   arrays.emplace("depth", plane(flow.depth_m, ElementType::kFloat32));
   arrays.emplace("confidence", plane(flow.confidence, ElementType::kFloat16));
   arrays.emplace("hidden", std::move(hidden));
-  return WriteNpz(path, arrays, NpzCompression::kFast);
+  ASSIGN_OR_RETURN(const std::string bytes, EncodeNpz(arrays, NpzCompression::kFast));
+  return WriteFileDurably(path, bytes);
 }
 
 absl::Status WriteFloOf(const std::string& dir, const std::string& stem, const SceneFlow& flow) {
-  RETURN_IF_ERROR(WriteFlo(JoinPath(dir, "flow/" + stem + ".flo"), flow.flow_px));
+  RETURN_IF_ERROR(WriteFileDurably(JoinPath(dir, "flow/" + stem + ".flo"), EncodeFlo(flow.flow_px)));
   Image<float> change(flow.motion_m.width(), flow.motion_m.height());
   for (size_t i = 0; i < change.pixel_count(); ++i) change.data()[i] = flow.motion_m.data()[i].z;
-  return WritePfm(JoinPath(dir, "depth_change/" + stem + ".pfm"), change);
+  return WriteFileDurably(JoinPath(dir, "depth_change/" + stem + ".pfm"), EncodePfm(change));
 }
 
 absl::Status WriteKittiOf(const std::string& dir, const std::string& stem, const Camera& camera, double baseline_m,
@@ -71,9 +72,12 @@ absl::Status WriteKittiOf(const std::string& dir, const std::string& stem, const
     now.data()[i] = units(flow.depth_m.data()[i]);
     next.data()[i] = units(flow.depth_m.data()[i] + flow.motion_m.data()[i].z);
   }
-  RETURN_IF_ERROR(WriteFlowPng(JoinPath(dir, "kitti/flow/" + stem + ".png"), flow.flow_px, valid));
-  RETURN_IF_ERROR(WritePng16(JoinPath(dir, "kitti/disp_0/" + stem + ".png"), now));
-  return WritePng16(JoinPath(dir, "kitti/disp_1/" + stem + ".png"), next);
+  ASSIGN_OR_RETURN(const std::string flow_png, EncodeFlowPng(flow.flow_px, valid));
+  ASSIGN_OR_RETURN(const std::string now_png, EncodePng16(now));
+  ASSIGN_OR_RETURN(const std::string next_png, EncodePng16(next));
+  RETURN_IF_ERROR(WriteFileDurably(JoinPath(dir, "kitti/flow/" + stem + ".png"), flow_png));
+  RETURN_IF_ERROR(WriteFileDurably(JoinPath(dir, "kitti/disp_0/" + stem + ".png"), now_png));
+  return WriteFileDurably(JoinPath(dir, "kitti/disp_1/" + stem + ".png"), next_png);
 }
 
 }  // namespace

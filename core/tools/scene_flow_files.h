@@ -1,4 +1,4 @@
-// Scene flow of a frame as files.
+// Scene flow of a frame as files, durable as WriteFileDurably (core/io/file.h) makes them.
 //
 // NPZ     sceneflow/STEM.npz: `flow` H x W x 2 (u, v: pixels), `motion` H x W x 3 (x right, y down, z forward: metres,
 //         the point in the camera's frame at the next frame minus the point now), `depth` H x W (metres, that the

@@ -22,8 +22,6 @@
 
 namespace depthtween::tools {
 
-inline constexpr int kMaxThreads = 1024;
-
 // What a user may ask of an upsampling, locally or from the server.
 struct UpsampleOptions {
   std::string method = "ours";   // one of UpsampleMethods()

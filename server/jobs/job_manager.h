@@ -49,9 +49,19 @@ struct ValidationProgress {
   int of = 0;
 };
 
-// What a job has to offer. kDepth, kUncertainty, kProvenance and kPictures are made of frames; the others are one file
-// each, there once the job has succeeded.
-enum class OutputKind { kDepth, kUncertainty, kProvenance, kReport, kTimestamps, kCamera, kPictures, kVideo };
+// What a job has to offer. kDepth, kUncertainty, kProvenance, kSceneFlow and kPictures are made of frames; the others
+// are one file each, there once the job has succeeded.
+enum class OutputKind {
+  kDepth,
+  kUncertainty,
+  kProvenance,
+  kSceneFlow,
+  kReport,
+  kTimestamps,
+  kCamera,
+  kPictures,
+  kVideo
+};
 struct OutputSpec {
   OutputKind kind;
   std::string id;         // last part of its resource name
@@ -59,9 +69,10 @@ struct OutputSpec {
   bool frames = false;
   std::string extension = "png";  // of frames
   int render = -1;                // of kPictures and kVideo: into JobRecord::renders
+  bool assembled = false;         // of frames: made at the end, for the frames that have it; else with their interval
 };
-// What every job has, then what the renders add.
-std::vector<OutputSpec> OutputsOf(const std::vector<RenderRecord>& renders);
+// What every job has, then what its options and its renders add.
+std::vector<OutputSpec> OutputsOf(const JobRecord& job);
 
 // One picture to be rendered now.
 struct FrameRenderOrder {

@@ -2,7 +2,7 @@
 
 namespace depthtween::server {
 
-std::vector<OutputSpec> OutputsOf(const std::vector<RenderRecord>& renders) {
+std::vector<OutputSpec> OutputsOf(const JobRecord& job) {
   std::vector<OutputSpec> outputs = {
       {.kind = OutputKind::kDepth, .id = "depth", .file_name = "depth", .frames = true},
       {.kind = OutputKind::kUncertainty, .id = "uncertainty", .file_name = "uncertainty", .frames = true},
@@ -11,8 +11,16 @@ std::vector<OutputSpec> OutputsOf(const std::vector<RenderRecord>& renders) {
       {.kind = OutputKind::kTimestamps, .id = "timestamps", .file_name = "depth.txt"},
       {.kind = OutputKind::kCamera, .id = "camera", .file_name = "camera.json"},
   };
-  for (size_t i = 0; i < renders.size(); ++i) {
-    const RenderRecord& render = renders[i];
+  if (job.options.scene_flow) {
+    outputs.push_back({.kind = OutputKind::kSceneFlow,
+                       .id = "sceneflow",
+                       .file_name = "sceneflow",
+                       .frames = true,
+                       .extension = "npz",
+                       .assembled = true});
+  }
+  for (size_t i = 0; i < job.renders.size(); ++i) {
+    const RenderRecord& render = job.renders[i];
     const int index = static_cast<int>(i);
     for (const std::string& stream : render.streams) {
       outputs.push_back({.kind = OutputKind::kPictures,

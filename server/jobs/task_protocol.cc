@@ -137,7 +137,8 @@ std::string OptionsJson(const UpsampleOptions& options, const std::vector<Render
     value.update({{"preset", options.preset},
                   {"without", options.without},
                   {"causal", options.causal},
-                  {"self_check", options.self_check}});
+                  {"self_check", options.self_check},
+                  {"scene_flow", options.scene_flow}});
   }
   if (!renders.empty()) {
     value["keep_motion"] =

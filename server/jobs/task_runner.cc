@@ -42,8 +42,8 @@ std::string PartReport(const Task& task, const JobRecord& job, int interval) {
 constexpr char kMotionFolder[] = "/motion/";
 
 bool KeepsMotion(const JobRecord& job) {
-  return std::any_of(job.renders.begin(), job.renders.end(),
-                     [](const RenderRecord& render) { return render.uses_motion; });
+  return job.options.scene_flow || std::any_of(job.renders.begin(), job.renders.end(),
+                                               [](const RenderRecord& render) { return render.uses_motion; });
 }
 
 // What went wrong with a child that did not end well, in its own words if it had any.
@@ -80,8 +80,8 @@ absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, co
     }
     RETURN_IF_ERROR(SyncFolder(to + kMotionFolder));
   }
-  for (const OutputSpec& output : OutputsOf(job.renders)) {
-    if (!output.frames || output.render != (rendered ? task.render : -1)) continue;
+  for (const OutputSpec& output : OutputsOf(job)) {
+    if (!output.frames || output.assembled || output.render != (rendered ? task.render : -1)) continue;
     const std::string folder = "/" + output.file_name + "/";
     for (const FrameRecord& frame : frames) {
       const std::string name = absl::StrCat(folder, frame.stem, ".", output.extension);
@@ -96,7 +96,7 @@ absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, co
 
 absl::Status TaskRunner::MakeResultFolders(const JobRecord& job) {
   const std::string out = directory_.OutFolder(job.id);
-  for (const OutputSpec& output : OutputsOf(job.renders)) {
+  for (const OutputSpec& output : OutputsOf(job)) {
     if (output.frames) RETURN_IF_ERROR(MakeFolder(out + "/" + output.file_name));
   }
   if (KeepsMotion(job)) RETURN_IF_ERROR(MakeFolder(out + kMotionFolder));

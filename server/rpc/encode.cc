@@ -140,6 +140,7 @@ v1::UpsampleOptions Encode(const UpsampleOptions& options) {
   message.set_self_check(options.self_check);
   message.set_causal(options.causal);
   message.set_clock(options.clock);
+  message.set_scene_flow(options.scene_flow);
   return message;
 }
 
@@ -238,7 +239,7 @@ absl::StatusOr<OutputIds> ParseOutputName(std::string_view field, std::string_vi
 
 absl::StatusOr<OutputSpec> FindOutput(const JobRecord& job, std::string_view output_id) {
   std::string known;
-  for (const OutputSpec& output : OutputsOf(job.renders)) {
+  for (const OutputSpec& output : OutputsOf(job)) {
     if (output.id == output_id) return output;
     absl::StrAppend(&known, known.empty() ? "" : ", ", output.id);
   }
@@ -309,6 +310,7 @@ absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
   result.without.assign(options.without().begin(), options.without().end());
   result.self_check = options.self_check();
   result.causal = options.causal();
+  result.scene_flow = options.scene_flow();
   if (!options.clock().empty()) result.clock = options.clock();
   return result;
 }

@@ -19,6 +19,7 @@ static_assert(std::endian::native == std::endian::little, "the raw encodings are
 
 // Fast, and within 2 % of level 3's size on noisy 16-bit depth.
 constexpr int kZstdLevel = 1;
+constexpr int64_t kArchiveHeadBytes = 8192;  // of an NPZ with a handful of arrays, with room
 
 template <typename T>
 std::string PixelBytes(const Image<T>& image) {
@@ -67,6 +68,8 @@ std::vector<v1::Encoding> EncodingsOf(const OutputSpec& output) {
     case OutputKind::kPictures:
       if (output.extension == "jpg") return {v1::ENCODING_JPEG};
       return {v1::ENCODING_PNG, v1::ENCODING_JPEG};
+    case OutputKind::kSceneFlow:
+      return {v1::ENCODING_NPZ};
     default:
       return {};
   }
@@ -104,8 +107,16 @@ absl::StatusOr<std::string> EncodeFrame(std::string stored, const OutputSpec& ou
 
 int64_t FrameMemoryBytes(const OutputSpec& output, int64_t pixels) {
   // The largest moment of depth is the decoding of floats: the file (at most 2 bytes a pixel), the integers (2), the
-  // metres as an image and as bytes (4 each). Of pictures, which may hold two eyes: PNG, pixels and JPEG.
-  return pixels * (output.kind == OutputKind::kPictures ? 2 * 12 : 12);
+  // metres as an image and as bytes (4 each). Of pictures, which may hold two eyes: PNG, pixels and JPEG. Of scene flow
+  // the file alone, at most its arrays.
+  switch (output.kind) {
+    case OutputKind::kPictures:
+      return pixels * 2 * 12;
+    case OutputKind::kSceneFlow:
+      return pixels * 27 + kArchiveHeadBytes;
+    default:
+      return pixels * 12;
+  }
 }
 
 }  // namespace depthtween::server

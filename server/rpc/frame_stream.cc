@@ -95,6 +95,7 @@ absl::Status FrameStream::CatchUp() {
 
 absl::StatusOr<std::optional<FrameRecord>> FrameStream::NextReady() {
   if (AtEndFrame()) return std::nullopt;
+  if (output_->assembled && job_.state != JobState::kSucceeded) return std::nullopt;
   while (!upcoming_.empty() && upcoming_.front().index < next_frame_) upcoming_.pop_front();
   if (upcoming_.empty()) {
     ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
@@ -135,6 +136,9 @@ absl::Status FrameStream::Load(const FrameRecord& frame) {
   if (absl::IsNotFound(stored.status())) {
     // A job that is being deleted says so itself; a file that is gone otherwise is damage.
     RETURN_IF_ERROR(jobs_.Get(job_id_).status());
+    if (output_->assembled) stored = std::string();  // not every frame has one
+  }
+  if (absl::IsNotFound(stored.status())) {
     return absl::DataLossError(absl::StrFormat("frame %d is recorded, but its file is gone", frame.index));
   }
   RETURN_IF_ERROR(stored.status());

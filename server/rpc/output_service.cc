@@ -16,6 +16,11 @@ namespace {
 
 using grpc::CallbackServerContext;
 
+int FramesReady(const JobRecord& job, const OutputSpec& output) {
+  if (output.assembled) return job.state == JobState::kSucceeded ? job.frames_total : 0;
+  return output.render < 0 ? job.frames_done : job.renders[output.render].frames_done;
+}
+
 class OutputService : public v1::OutputService::CallbackService {
  public:
   OutputService(CallRuntime& runtime, JobManager& jobs, int64_t frame_memory_bytes)
@@ -26,14 +31,13 @@ class OutputService : public v1::OutputService::CallbackService {
     return runtime_.Unary(context, "ListOutputs", request->parent(), [=, this]() -> absl::Status {
       ASSIGN_OR_RETURN(const std::string job_id, ParseJobName("parent", request->parent()));
       ASSIGN_OR_RETURN(const JobView job, jobs_.Get(job_id));
-      for (const OutputSpec& spec : OutputsOf(job.record.renders)) {
+      for (const OutputSpec& spec : OutputsOf(job.record)) {
         v1::Output* output = response->add_outputs();
         output->set_name(OutputName(job_id, spec.id));
         if (spec.frames) {
           output->set_kind(v1::Output::KIND_FRAMES);
           for (const v1::Encoding encoding : EncodingsOf(spec)) output->add_encodings(encoding);
-          output->set_frames_ready(spec.render < 0 ? job.record.frames_done
-                                                   : job.record.renders[spec.render].frames_done);
+          output->set_frames_ready(FramesReady(job.record, spec));
           output->set_frame_count(job.record.frames_total);
         } else {
           output->set_kind(v1::Output::KIND_FILE);

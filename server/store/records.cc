@@ -71,7 +71,6 @@ bool JobRecord::IsComputed() const {
 }
 
 absl::Status UpsampleOptions::Validate() const {
-  constexpr int kMaxThreads = 256;
   const auto bad = [](const std::string& field, const std::string& message) {
     return BadField("job.options." + field, absl::StrCat("UpsampleOptions.", field, " ", message));
   };
@@ -89,6 +88,10 @@ absl::Status UpsampleOptions::Validate() const {
   if (method != "ours" && !without.empty()) return only_ours("without");
   if (method != "ours" && causal) return only_ours("causal");
   if (method != "ours" && self_check) return only_ours("self_check");
+  if (method != "ours" && scene_flow) return only_ours("scene_flow");
+  if (causal && scene_flow) {
+    return bad("scene_flow", "does not go with causal: what follows a frame is not known then");
+  }
   if (const absl::Status known = ParseClockChoice(clock).status(); !known.ok()) {
     return bad("clock", std::string(known.message()));
   }

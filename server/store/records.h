@@ -100,6 +100,7 @@ struct UpsampleOptions {
   std::vector<std::string> without;  // of PartNames(): stages left out
   bool causal = false;               // each frame from what had been seen by then alone
   bool self_check = false;           // measure first how good it is: see SelfCheck
+  bool scene_flow = false;           // also the 3-D motion of every frame to the next
 
   // InvalidArgument with field, value and rule.
   absl::Status Validate() const;

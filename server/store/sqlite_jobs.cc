@@ -17,7 +17,8 @@ constexpr char kJobColumns[] =
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, "
     "interval_seconds, depth_from, preset, without, self_check, self_check_result, causal, clock, clock_estimate, "
-    "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM jobs ";
+    "scene_flow, (SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM "
+    "jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
   return row.IsNull(column) ? absl::InfiniteFuture() : absl::FromUnixMicros(row.Int64(column));
@@ -35,7 +36,8 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                                .preset = row.Text(21),
                                .without = absl::StrSplit(row.Text(22), ',', absl::SkipEmpty()),
                                .causal = row.Int(25) != 0,
-                               .self_check = row.Int(23) != 0},
+                               .self_check = row.Int(23) != 0,
+                               .scene_flow = row.Int(28) != 0},
                    .depth_from = row.Text(20),
                    .state = static_cast<JobState>(row.Int(8)),
                    .attempt = row.Int(9),
@@ -48,7 +50,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(28);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(29);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
   if (!row.IsNull(24)) {
     ASSIGN_OR_RETURN(job.self_check, SelfCheckFromJson(row.Text(24)));
@@ -69,6 +71,7 @@ std::string Fingerprint(const NewJob& job) {
   if (job.options.causal) hash.Update("\ncausal");
   if (job.options.clock != UpsampleOptions().clock) hash.Update("\nclock " + job.options.clock);
   if (job.options.self_check) hash.Update("\nself_check");
+  if (job.options.scene_flow) hash.Update("\nscene_flow");
   if (!job.depth_from.empty()) hash.Update(absl::StrCat("\ndepth_from ", job.depth_from));
   for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
   return Hex(hash.Finish());
@@ -123,8 +126,14 @@ absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
       from.options.clock != job.options.clock) {
     return BadField("job.depth_from",
                     absl::StrCat("job.depth_from = ", name,
-                                 ", must have the sequence of this job and all of its options but threads and "
-                                 "self_check"));
+                                 ", must have the sequence of this job and all of its options but threads, "
+                                 "self_check and scene_flow"));
+  }
+  if (job.options.scene_flow && !from.options.scene_flow) {
+    return BadField(
+        "job.options.scene_flow",
+        absl::StrCat("job.options.scene_flow asks for motion that ", name,
+                     ", whose depth is taken over, has not kept: leave it out, or compute the depth again"));
   }
   return from;
 }
@@ -178,12 +187,13 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
-        "create_time_us, depth_from, preset, without, self_check, self_check_result, causal, clock) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "create_time_us, depth_from, preset, without, self_check, self_check_result, causal, clock, scene_flow) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
          job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
          job.options.preset, absl::StrJoin(job.options.without, ","), job.options.self_check,
-         self_check ? SqlValue(ToJson(*self_check)) : nullptr, job.options.causal, job.options.clock}));
+         self_check ? SqlValue(ToJson(*self_check)) : nullptr, job.options.causal, job.options.clock,
+         job.options.scene_flow}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(

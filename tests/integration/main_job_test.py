@@ -53,6 +53,28 @@ class MainJobTest(harness.IntegrationTest):
                         status = check(server.client("status", submitted["job"]["name"])).stdout
                         self.assertIn(clock["estimate"]["summary"], status)
 
+    def test_scene_flow_is_that_of_the_local_command_whenever_the_server_is_killed(self):
+        local, out = self.folder / "local", self.folder / "out"
+        harness.upsample(self.sequence, local, "--scene-flow")
+        # Motion is what scene flow is made from; a job does not hand it out.
+        shutil.rmtree(local / "motion")
+        with Server(self.folder / "data") as server:
+            client = server.start_client("submit", str(self.sequence), "--scene-flow", "-o", str(out))
+            self.addCleanup(lambda: client.poll() is None and client.kill())
+            job_name = harness.wait_for("the job", lambda: self.job_names(server))[0]
+            server.wait_for_progress(job_name, lambda job: 1 <= job["progress"]["intervalsDone"],
+                                     "an interval was finished")
+            server.kill()
+            server.start()
+            # Once more while the motion of all frames is put together.
+            harness.wait_for("some scene flow", lambda: any(server.data_dir.glob("jobs/*/out/sceneflow/*.npz")))
+            server.kill()
+            server.start()
+            _, stderr = client.communicate(timeout=harness.PATIENCE_S)
+            self.assertEqual(client.returncode, 0, stderr)
+        self.assertEqual(len(list((out / "sceneflow").iterdir())), FRAMES - 1)
+        self.assert_same_result(out, local)
+
     def test_self_check_is_that_of_the_local_command(self):
         local = self.folder / "local"
         printed = harness.check(harness.run("depthtween-core", "upsample", self.sequence, "-o", local, "--self-check"))

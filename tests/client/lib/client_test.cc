@@ -225,6 +225,18 @@ TEST_F(FetchTest, GoesOnWhereItStopped) {
   ExpectWhole();
 }
 
+// One without bytes says that an output has nothing for it: no file, and yet nothing is missing.
+TEST_F(FetchTest, AFrameWithoutBytesLeavesNoFile) {
+  server_.outputs.frames[1].clear();
+  server_.outputs.frames[2].clear();
+  const auto summary = Fetch();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_TRUE(summary->complete);
+  EXPECT_TRUE(folder_.Has("out/depth/frame0.png"));
+  EXPECT_FALSE(folder_.Has("out/depth/frame1.png"));
+  EXPECT_FALSE(folder_.Has("out/depth/frame2.png"));
+}
+
 TEST_F(FetchTest, DoesNotMixResults) {
   folder_.Write("out/depth/other.png", "of another result");
   EXPECT_TRUE(absl::IsAlreadyExists(Fetch().status()));

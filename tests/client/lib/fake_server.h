@@ -190,7 +190,8 @@ class FakeOutputs : public v1::OutputService::Service {
                       grpc::ServerWriter<v1::FrameChunk>* stream) override {
     start_frames.push_back(request->start_frame());
     for (int i = request->start_frame(); i < frames_ready; ++i) {
-      for (size_t offset = 0; offset < frames[i].size(); offset += kChunk) {
+      // A frame without bytes takes a message too.
+      for (size_t offset = 0; offset == 0 || offset < frames[i].size(); offset += kChunk) {
         chunks += 1;
         if (chunks == away_at_chunk) return {StatusCode::UNAVAILABLE, "the line was cut"};
         v1::FrameChunk chunk;

@@ -278,6 +278,11 @@ int main(int argc, char** argv) {
     for (const auto& [name, text] : renders) {
       if (text.find("container") != std::string::npos) WriteFile(out + "/" + name + ".mp4", "video of " + name);
     }
+    if (ReadFile(options["--options"]).find(R"("scene_flow":true)") != std::string::npos) {
+      for (int frame = 0; frame + 1 < 2 * intervals; ++frame) {
+        WriteFile(out + "/sceneflow/" + Stem(frame) + ".npz", "scene flow " + std::to_string(frame));
+      }
+    }
     const bool checked = options.count("--self-check") > 0;
     WriteFile(out + "/report.json",
               ReadFile(options["--options"]) + (checked ? ReadFile(options["--self-check"]) : ""));

@@ -46,8 +46,8 @@ TEST_F(JobManagerTest, WholeLife) {
   }
   // fake_core reports the options it was given; threads is what the server decided.
   EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
-            R"({"causal":false,"clock":"stamps","key_every":2,"method":"ours","preset":"balanced","self_check":false,)"
-            R"("threads":1,"without":[]})");
+            R"({"causal":false,"clock":"stamps","key_every":2,"method":"ours","preset":"balanced","scene_flow":false,)"
+            R"("self_check":false,"threads":1,"without":[]})");
   WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
 
   EXPECT_THAT(jobs_->Delete(job), IsOk());
@@ -415,6 +415,25 @@ TEST_F(JobManagerTest, RendersOfFinishedDepthComputeNothingAgain) {
   EXPECT_THAT(jobs_->Delete(from), IsOk());
   EXPECT_EQ(Frame(job, "depth", "000003"), "depth 3") << "what was taken over stays";
   EXPECT_EQ(Frame(job, "dof", "000003"), "dof 3");
+}
+
+// Made by `assemble` for all frames but the last, which has none; whoever takes the depth over may have it too.
+TEST_F(JobManagerTest, SceneFlowIsThereWhenTheJobHasSucceeded) {
+  Start();
+  const std::string sequence = ReadySequence();
+  const NewJob order = {.sequence_id = sequence, .options = {.scene_flow = true}};
+  const std::string from = Take(jobs_->Create(order, "", false)).record.id;
+  ASSERT_EQ(Ended(from).record.state, JobState::kSucceeded) << View(from).record.error;
+  const OutputSpec output = Output(from, "sceneflow");
+  EXPECT_TRUE(output.assembled);
+  EXPECT_EQ(Frame(from, "sceneflow", "000004"), "scene flow 4");
+  EXPECT_FALSE(std::filesystem::exists(jobs_->FrameFile(from, output, "000005")));
+  NewJob again = order;
+  again.renders = {{.options = kDof}};
+  again.depth_from = from;
+  const std::string job = Take(jobs_->Create(again, "", false)).record.id;
+  ASSERT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
+  EXPECT_EQ(Frame(job, "sceneflow", "000004"), "scene flow 4");
 }
 
 // The answer of an errand, once it is there.

@@ -116,7 +116,7 @@ class JobsFixture : public testing::Test {
   void Go(const std::string& sequence) { WriteText(directory_->SequenceFolder(sequence) + "/go", ""); }
   // An output by its id: "depth", or the name of a render.
   OutputSpec Output(const std::string& job, const std::string& id) {
-    const std::vector<OutputSpec> outputs = OutputsOf(View(job).record.renders);
+    const std::vector<OutputSpec> outputs = OutputsOf(View(job).record);
     const auto found = std::find_if(outputs.begin(), outputs.end(), [&](const OutputSpec& o) { return o.id == id; });
     EXPECT_NE(found, outputs.end()) << id;
     return found == outputs.end() ? outputs.front() : *found;

@@ -38,10 +38,11 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
                   "C", "--out", "D", "--self-check", "X"));
   EXPECT_EQ(OptionsJson({}, {{.options = R"({"name":"a"})"}, {.options = "{}", .uses_motion = true}}),
             R"({"causal":false,"clock":"stamps","keep_motion":true,"key_every":1,"method":"ours","preset":"balanced",)"
-            R"("renders":[{"name":"a"},{}],"self_check":false,"threads":0,"without":[]})");
+            R"("renders":[{"name":"a"},{}],"scene_flow":false,"self_check":false,"threads":0,"without":[]})");
   EXPECT_EQ(OptionsJson({.clock = "4,300", .preset = "fast", .without = {"draw"}, .causal = true, .self_check = true}),
-            R"({"causal":true,"clock":"4,300","key_every":1,"method":"ours","preset":"fast","self_check":true,)"
-            R"("threads":0,"without":["draw"]})");
+            R"({"causal":true,"clock":"4,300","key_every":1,"method":"ours","preset":"fast","scene_flow":false,)"
+            R"("self_check":true,"threads":0,"without":["draw"]})");
+  EXPECT_NE(OptionsJson({.scene_flow = true}).find(R"("scene_flow":true)"), std::string::npos);
   EXPECT_EQ(OptionsJson({.method = "hold", .key_every = 3, .threads = 2}),
             R"({"clock":"stamps","key_every":3,"method":"hold","threads":2})");
 }

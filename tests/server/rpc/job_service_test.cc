@@ -142,6 +142,12 @@ TEST_F(JobServiceTest, BadRequestsNameTheirField) {
   request.mutable_job()->mutable_options()->set_causal(true);
   EXPECT_THAT(Create(request, &job), FailsAtField("job.options.causal"));
   request.mutable_job()->mutable_options()->set_causal(false);
+  request.mutable_job()->mutable_options()->set_scene_flow(true);
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.scene_flow"));
+  request.mutable_job()->mutable_options()->set_scene_flow(false);
+  request.mutable_job()->mutable_options()->set_threads(kMaxThreads + 1);
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.threads"));
+  request.mutable_job()->mutable_options()->set_threads(kMaxThreads);
   for (const std::string clock : {"sundial", "4,", "nan", "4,1e12"}) {
     request.mutable_job()->mutable_options()->set_clock(clock);
     EXPECT_THAT(Create(request, &job), FailsAtField("job.options.clock")) << clock;

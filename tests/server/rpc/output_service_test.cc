@@ -129,6 +129,48 @@ TEST_F(OutputServiceTest, ListsWhatAJobHas) {
   EXPECT_EQ(done.outputs(3).size_bytes(), static_cast<int64_t>(ReadText(StoredFile(job, "report.json")).size()));
 }
 
+// As a job makes it at its end, from which the last frame has none: nothing before, then a message for every frame.
+TEST_F(OutputServiceTest, SceneFlowLeavesWhenTheJobHasSucceeded) {
+  const v1::Sequence sequence = ReadySequence("wait_at 1");
+  v1::CreateJobRequest order;
+  order.mutable_job()->set_sequence(sequence.name());
+  order.mutable_job()->mutable_options()->set_scene_flow(true);
+  grpc::ClientContext create_context;
+  v1::Job job;
+  ASSERT_THAT(jobs_stub().CreateJob(&create_context, order, &job), Succeeds());
+  EXPECT_TRUE(job.options().scene_flow());
+  while (GetJob(job.name()).progress().frames_done() < 2) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  v1::ListOutputsRequest request;
+  request.set_parent(job.name());
+  const auto listed = [&] {
+    grpc::ClientContext context;
+    v1::ListOutputsResponse response;
+    EXPECT_THAT(outputs_stub().ListOutputs(&context, request, &response), Succeeds());
+    return response.outputs(response.outputs_size() - 1);
+  };
+  EXPECT_EQ(listed().name(), job.name() + "/outputs/sceneflow");
+  EXPECT_EQ(listed().frames_ready(), 0);
+  EXPECT_EQ(listed().frame_count(), 6);
+  v1::StreamFramesRequest stream;
+  stream.set_name(job.name() + "/outputs/sceneflow");
+  stream.set_follow(true);
+  grpc::ClientContext stream_context;
+  const auto reader = outputs_stub().StreamFrames(&stream_context, stream);
+  Go(sequence);
+  v1::FrameChunk chunk;
+  for (int frame = 0; frame < 6; ++frame) {
+    ASSERT_TRUE(reader->Read(&chunk)) << frame;
+    EXPECT_EQ(chunk.frame(), frame);
+    EXPECT_EQ(chunk.header().encoding(), v1::ENCODING_NPZ);
+    EXPECT_EQ(chunk.data(), frame < 5 ? "scene flow " + std::to_string(frame) : "");
+    EXPECT_EQ(chunk.next_frame(), frame + 1);
+  }
+  EXPECT_FALSE(reader->Read(&chunk));
+  EXPECT_THAT(reader->Finish(), Succeeds());
+  EXPECT_EQ(GetJob(job.name()).state(), v1::Job::STATE_SUCCEEDED);
+  EXPECT_EQ(listed().frames_ready(), 6);
+}
+
 // PNG is the stored file byte for byte, in as many chunks as it takes.
 TEST_F(OutputServiceTest, StreamsStoredFilesInChunks) {
   const v1::Job job = SucceededJob();

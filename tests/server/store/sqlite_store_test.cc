@@ -110,6 +110,7 @@ TEST(SqliteStore, JobsFromBeforeClocksGoOn) {
   const JobRecord job = Take(store->GetJob("j"));
   EXPECT_EQ(job.options.clock, "stamps");
   EXPECT_FALSE(job.options.causal);
+  EXPECT_FALSE(job.options.scene_flow);
   EXPECT_FALSE(job.clock_estimate.has_value());
   EXPECT_TRUE(job.options.self_check);
   EXPECT_EQ(job.self_check->reason, "too short");

@@ -700,6 +700,21 @@ TEST_P(StoreConformance, ClockAndItsEstimateSurviveReopening) {
   EXPECT_EQ(job.clock_estimate->edges, estimate.edges);
 }
 
+TEST_P(StoreConformance, SceneFlowIsPartOfTheOrder) {
+  const std::string sequence = ReadySequence().id;
+  const NewJob order = {.sequence_id = sequence, .options = {.scene_flow = true}};
+  const std::string id = Take(store().CreateJob(order, "r", false)).id;
+  EXPECT_THAT(store().CreateJob({.sequence_id = sequence}, "r", false),
+              HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+  Open();
+  EXPECT_TRUE(Job(id).options.scene_flow);
+  for (const UpsampleOptions& wrong :
+       {UpsampleOptions{.method = "hold", .scene_flow = true}, UpsampleOptions{.causal = true, .scene_flow = true}}) {
+    EXPECT_THAT(store().CreateJob({.sequence_id = sequence, .options = wrong}, "", false),
+                HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  }
+}
+
 // ---- renders ----
 
 RenderRecord RenderOf(const std::string& name, int reach_frames, int anchor_frame = -1) {
@@ -832,6 +847,9 @@ TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
   order.options.clock = "4";
   EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   order.options.clock = "stamps";
+  order.options.scene_flow = true;  // the other job kept no motion to make it from
+  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  order.options.scene_flow = false;
   order.renders.clear();
   EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   order.renders = {RenderOf("a", 2)};
