@@ -44,7 +44,7 @@ Lanes MaxLanes(Lanes a, Lanes b) { return a > b ? a : b; }
 // The rows that one point's terms add to its block, eight points at a time.
 class BlockSums {
  public:
-  BlockSums(const EnergyData& data, MotionBlocks* blocks, Planes* gradient)
+  BlockSums(const EnergyData& data, PointBlocks* blocks, Planes* gradient)
       : data_(data), blocks_(blocks), gradient_(gradient), row_(3 * data.rank()), sum_(3 * data.rank()) {}
 
   void Start(int block) {
@@ -105,7 +105,7 @@ class BlockSums {
 
  private:
   const EnergyData& data_;
-  MotionBlocks* blocks_;
+  PointBlocks* blocks_;
   Planes* gradient_;
   Lanes* block_ = nullptr;
   std::vector<Lanes> row_, sum_;
@@ -138,7 +138,7 @@ std::vector<float> ShortForm(const EnergyData& data) {
 }
 
 // All terms of a point by itself.
-double LinearisePoints(const EnergyData& data, const Planes& unknowns, MotionBlocks& blocks, Planes& gradient) {
+double LinearisePoints(const EnergyData& data, const Planes& unknowns, PointBlocks& blocks, Planes& gradient) {
   const int frames = static_cast<int>(data.frames.size()), rank = data.rank();
   const std::vector<float> form = ShortForm(data);
   BlockSums sums(data, &blocks, &gradient);
@@ -319,54 +319,44 @@ double LineariseEdges(const EnergyData& data, const Planes& unknowns, Planes& gr
   return cost;
 }
 
-// H x of eight points; kRank = 0 takes any rank.
-template <int kRank>
-double ApplyRanked(const EnergyData& data, const MotionBlocks& blocks, const Planes& x, Planes& out) {
-  const Grid& grid = data.grid;
-  const Neighbourhood neighbours(grid);
-  const int rank = kRank > 0 ? kRank : data.rank(), size = 3 * rank, turns = size;
-  const int band = kRank > 0 ? 3 * kRank - 1 : blocks.band();
-  std::vector<Lanes> own(6 * rank), sum(6 * rank);
-  const auto three = [](const std::vector<Lanes>& of, int first) {
-    return Point8{of[first], of[first + 1], of[first + 2]};
-  };
-  double product = 0;
-  grid.ForEachBlock([&](ptrdiff_t at, int block) {
-    const Point8 start = Load(data.point, 0, at);
-    for (int i = 0; i < 2 * size; ++i) {
-      own[i] = LoadLanes(x[i] + at);
-      sum[i] = i < turns ? Lanes{} : kDamping * own[i];
-    }
-    for (const Neighbour& n : neighbours.of) {
-      const Lanes strain = LoadLanes(data.strain[n.direction] + at + n.edge_offset);
-      const Lanes rigid = data.weights.rigid * strain;
-      const Point8 edge = start - Load(data.point, 0, at + n.offset);
-      const Lanes reg = kRegPair * data.weights.reg * Dot(edge, edge) * strain;
-      for (int k = 0; k < rank; ++k) {
-        const int move = 3 * k, turn = turns + 3 * k;
-        const Point8 moved = three(own, move) - Load(x, move, at + n.offset);
-        const Point8 own_turn = three(own, turn), their_turn = Load(x, turn, at + n.offset);
-        const Point8 mine = moved + Cross(edge, own_turn), theirs = moved + Cross(edge, their_turn);
-        const Point8 force = rigid * (mine + theirs);
-        const Point8 torque = rigid * RigidTorque(edge, mine) + reg * (own_turn - their_turn);
-        sum[move] += force.x, sum[move + 1] += force.y, sum[move + 2] += force.z;
-        sum[turn] += torque.x, sum[turn + 1] += torque.y, sum[turn + 2] += torque.z;
-      }
-    }
-    const Lanes* entries = blocks.block(block);
-    for (int i = 0; i < size; ++i) {
-      const Lanes* row = entries + blocks.at(i, 0);
-      for (int j = std::max(0, i - band); j < i; ++j) sum[i] += row[j] * own[j], sum[j] += row[j] * own[i];
-      sum[i] += row[i] * own[i];
-    }
-    Lanes dot{};
-    for (int i = 0; i < 2 * size; ++i) {
-      StoreLanes(out[i] + at, sum[i]);
-      dot += sum[i] * own[i];
-    }
-    product += Sum(dot);
-  });
-  return product;
+// The maps between the rotations of a point and its edges: 3 x 3 x 3 numbers for each pair of coefficients that share a
+// frame.
+constexpr int kLever = 27;
+int Pairs(const TimeBasis& basis) { return basis.per_frame() ? basis.rank() : basis.rank() * (basis.rank() + 1) / 2; }
+int PairOf(bool per_frame, int k, int l) {
+  if (per_frame) return k;
+  return k > l ? k * (k + 1) / 2 + l : l * (l + 1) / 2 + k;
+}
+
+// sum += block x own; kSize = 0 takes any size and band.
+template <int kSize>
+void AddBlock(const PointBlocks& blocks, int block, const Lanes* own, Lanes* sum) {
+  const Lanes* entries = blocks.block(block);
+  const int size = kSize > 0 ? kSize : blocks.size();
+  for (int i = 0; i < size; ++i) {
+    const Lanes* row = entries + (kSize > 0 ? i * (i + 1) / 2 : blocks.at(i, 0));
+    for (int j = kSize > 0 ? 0 : std::max(0, i - blocks.band()); j < i; ++j)
+      sum[i] += row[j] * own[j], sum[j] += row[j] * own[i];
+    sum[i] += row[i] * own[i];
+  }
+}
+
+// x becomes what the factored block turns into x; kSize = 0 takes any size and band.
+template <int kSize>
+void SolveBlock(const PointBlocks& blocks, int block, Lanes* x) {
+  const Lanes* m = blocks.block(block);
+  const int size = kSize > 0 ? kSize : blocks.size();
+  const auto row_of = [&](int i) { return m + (kSize > 0 ? i * (i + 1) / 2 : blocks.at(i, 0)); };
+  const auto first_of = [&](int i) { return kSize > 0 ? 0 : std::max(0, i - blocks.band()); };
+  for (int i = 0; i < size; ++i) {
+    const Lanes* row = row_of(i);
+    for (int j = first_of(i); j < i; ++j) x[i] -= row[j] * x[j];
+  }
+  for (int i = 0; i < size; ++i) x[i] *= row_of(i)[i];
+  for (int i = size - 1; i >= 0; --i) {
+    const Lanes* row = row_of(i);
+    for (int j = first_of(i); j < i; ++j) x[j] -= row[j] * x[i];
+  }
 }
 
 }  // namespace
@@ -378,12 +368,8 @@ Triple<Lanes> MotionAt(const EnergyData& data, const Planes& unknowns, int frame
   return motion;
 }
 
-MotionBlocks::MotionBlocks(const Grid& grid, const TimeBasis& basis)
-    : size_(3 * basis.rank()),
-      // Frames by themselves: accelerations couple a frame with the second next, axis by axis.
-      band_(basis.per_frame() ? std::min(size_ - 1, 8) : size_ - 1),
-      per_block_(0),
-      row_start_(size_) {
+PointBlocks::PointBlocks(const Grid& grid, int size, int band)
+    : size_(size), band_(std::min(size - 1, band)), per_block_(0), row_start_(size) {
   for (int row = 0; row < size_; ++row) {
     const int first = std::max(0, row - band_);
     row_start_[row] = per_block_ - first;
@@ -392,7 +378,7 @@ MotionBlocks::MotionBlocks(const Grid& grid, const TimeBasis& basis)
   values_.resize(static_cast<size_t>(per_block_) * grid.blocks());
 }
 
-void MotionBlocks::Factor() {
+void PointBlocks::Factor() {
   const int count = static_cast<int>(values_.size()) / per_block_;
   std::vector<Lanes> scaled(size_);
   for (int b = 0; b < count; ++b) {
@@ -418,21 +404,13 @@ void MotionBlocks::Factor() {
   }
 }
 
-void MotionBlocks::Solve(int block_index, Lanes* x) const {
-  const Lanes* m = block(block_index);
-  for (int i = 0; i < size_; ++i) {
-    const Lanes* row = m + at(i, 0);
-    for (int j = std::max(0, i - band_); j < i; ++j) x[i] -= row[j] * x[j];
-  }
-  for (int i = 0; i < size_; ++i) x[i] *= m[at(i, i)];
-  for (int i = size_ - 1; i >= 0; --i) {
-    const Lanes* row = m + at(i, 0);
-    for (int j = std::max(0, i - band_); j < i; ++j) x[j] -= row[j] * x[i];
-  }
-}
+// Frames by themselves: accelerations couple a frame's motion with the second next, axis by axis.
+Linearisation::Linearisation(const EnergyData& data)
+    : gradient(data.grid, data.unknowns()),
+      motion(data.grid, 3 * data.rank(), data.basis.per_frame() ? 8 : 3 * data.rank() - 1) {}
 
 void Linearise(const EnergyData& data, const Planes& unknowns, Linearisation& out) {
-  const double points = LinearisePoints(data, unknowns, out.blocks, out.gradient);
+  const double points = LinearisePoints(data, unknowns, out.motion, out.gradient);
   out.cost = points + LineariseEdges(data, unknowns, out.gradient);
 }
 
@@ -442,72 +420,215 @@ double CostOf(const EnergyData& data, const Planes& unknowns) {
   return scratch.cost;
 }
 
-double ApplyNormalMatrix(const EnergyData& data, const MotionBlocks& blocks, const Planes& x, Planes& out) {
-  if (data.rank() == 1) return ApplyRanked<1>(data, blocks, x, out);
-  if (data.rank() == 2) return ApplyRanked<2>(data, blocks, x, out);
-  return ApplyRanked<0>(data, blocks, x, out);
-}
-
-Preconditioner::Preconditioner(const EnergyData& data, const MotionBlocks& blocks)
-    : motion_(blocks), turn_(static_cast<size_t>(data.grid.blocks()) * 6) {
+NormalMatrix::NormalMatrix(const EnergyData& data, const Planes& unknowns, const Linearisation& at)
+    : data_(data),
+      motion_(at.motion),
+      turn_(data.grid, 3 * data.rank(), data.basis.per_frame() ? 2 : 3 * data.rank() - 1),
+      levers_(static_cast<size_t>(data.grid.blocks()) * kLever * Pairs(data.basis)),
+      stiffness_(data.grid.blocks()),
+      swing_(data.grid, 9 * data.rank()) {
   const Neighbourhood neighbours(data.grid);
+  const int turns = data.first_turn(), pairs = Pairs(data.basis);
+  const bool per_frame = data.basis.per_frame();
   data.grid.ForEachBlock([&](ptrdiff_t at, int block) {
     const Point8 start = Load(data.point, 0, at);
-    Lanes stiffness{}, m[6] = {};  // xx, yx, yy, zx, zy, zz
+    Lanes stiffness{}, reg{}, spread[6] = {};  // sum of weight e e^T: xx, yx, yy, zx, zy, zz
     for (const Neighbour& n : neighbours.of) {
       const Lanes strain = LoadLanes(data.strain[n.direction] + at + n.edge_offset);
       const Lanes rigid = data.weights.rigid * strain;
-      const Point8 e = start - Load(data.point, 0, at + n.offset);
-      const Lanes length2 = Dot(e, e);
-      const Lanes reg = kRegPair * data.weights.reg * length2 * strain;
-      stiffness += 2 * rigid;
-      // [e]^T [e] = |e|^2 - e e^T
-      m[0] += rigid * (length2 - e.x * e.x) + reg;
-      m[1] -= rigid * e.y * e.x;
-      m[2] += rigid * (length2 - e.y * e.y) + reg;
-      m[3] -= rigid * e.z * e.x;
-      m[4] -= rigid * e.z * e.y;
-      m[5] += rigid * (length2 - e.z * e.z) + reg;
+      const Point8 e = start - Load(data.point, 0, at + n.offset), we = rigid * e;
+      stiffness += rigid;
+      reg += kRegPair * data.weights.reg * Dot(e, e) * strain;
+      spread[0] += we.x * e.x, spread[1] += we.y * e.x, spread[2] += we.y * e.y;
+      spread[3] += we.z * e.x, spread[4] += we.z * e.y, spread[5] += we.z * e.z;
     }
-    Lanes* motion = motion_.block(block);
-    for (int i = 0; i < motion_.size(); ++i) motion[motion_.at(i, i)] += stiffness;
-    m[0] += kDamping, m[2] += kDamping, m[5] += kDamping;
-    const Lanes c00 = m[2] * m[5] - m[4] * m[4], c10 = m[4] * m[3] - m[1] * m[5], c20 = m[1] * m[4] - m[2] * m[3];
-    const Lanes over = 1.0F / (m[0] * c00 + m[1] * c10 + m[3] * c20);
-    Lanes* inverse = &turn_[static_cast<size_t>(block) * 6];
-    inverse[0] = c00 * over;
-    inverse[1] = c10 * over;
-    inverse[2] = (m[0] * m[5] - m[3] * m[3]) * over;
-    inverse[3] = c20 * over;
-    inverse[4] = (m[1] * m[3] - m[0] * m[4]) * over;
-    inverse[5] = (m[0] * m[2] - m[1] * m[1]) * over;
+    stiffness_[block] = stiffness;
+    Lanes* turn = turn_.block(block);
+    std::fill(turn, turn + turn_.per_block(), Lanes{});
+    for (int i = 0; i < turn_.size(); ++i) turn[turn_.at(i, i)] = reg + kDamping;
+    Lanes* levers = &levers_[static_cast<size_t>(block) * kLever * pairs];
+    const Point8 spread_of[3] = {
+        {spread[0], spread[1], spread[3]}, {spread[1], spread[2], spread[4]}, {spread[3], spread[4], spread[5]}};
+    for (int s = 0; s < static_cast<int>(data.times.size()); ++s) {
+      Point8 w{};
+      for (int k = data.basis.First(s); k < data.basis.End(s); ++k)
+        w = w + data.basis(s, k) * Load(unknowns, turns + 3 * k, at);
+      const Rotation<Lanes> r = RotationOf(w), j = LeftJacobianOf(w);
+      const Point8 columns[3] = {{j.row[0].x, j.row[1].x, j.row[2].x},
+                                 {j.row[0].y, j.row[1].y, j.row[2].y},
+                                 {j.row[0].z, j.row[1].z, j.row[2].z}};
+      const Point8 axes[3] = {{r.row[0].x, r.row[1].x, r.row[2].x},
+                              {r.row[0].y, r.row[1].y, r.row[2].y},
+                              {r.row[0].z, r.row[1].z, r.row[2].z}};
+      // d(R e)/dw is `lever` times e, and sum of weight lever^T lever is J^T (tr(C) 1 - C) J with C the turned spread.
+      Lanes lever[kLever];
+      for (int c = 0; c < 3; ++c)
+        for (int a = 0; a < 3; ++a) {
+          const Point8 v = Cross(columns[a], axes[c]);
+          lever[3 * c + a] = v.x, lever[9 + 3 * c + a] = v.y, lever[18 + 3 * c + a] = v.z;
+        }
+      const Point8 half[3] = {{Dot(r.row[0], spread_of[0]), Dot(r.row[0], spread_of[1]), Dot(r.row[0], spread_of[2])},
+                              {Dot(r.row[1], spread_of[0]), Dot(r.row[1], spread_of[1]), Dot(r.row[1], spread_of[2])},
+                              {Dot(r.row[2], spread_of[0]), Dot(r.row[2], spread_of[1]), Dot(r.row[2], spread_of[2])}};
+      const Lanes xx = Dot(half[0], r.row[0]), yx = Dot(half[1], r.row[0]), yy = Dot(half[1], r.row[1]);
+      const Lanes zx = Dot(half[2], r.row[0]), zy = Dot(half[2], r.row[1]), zz = Dot(half[2], r.row[2]);
+      const Rotation<Lanes> inertia{{{yy + zz, -yx, -zx}, {-yx, xx + zz, -zy}, {-zx, -zy, xx + yy}}};
+      Lanes own[3][3];
+      for (int a = 0; a < 3; ++a) {
+        const Point8 v = inertia * columns[a];
+        for (int b = 0; b < 3; ++b) own[b][a] = Dot(columns[b], v);
+      }
+      for (int k = data.basis.First(s); k < data.basis.End(s); ++k)
+        for (int l = data.basis.First(s); l <= k; ++l) {
+          const float bb = data.basis(s, k) * data.basis(s, l);
+          Lanes* to = levers + kLever * PairOf(per_frame, k, l);
+          for (int i = 0; i < kLever; ++i) to[i] += bb * lever[i];
+          for (int a = 0; a < 3; ++a) {
+            Lanes* row = turn + turn_.at(3 * k + a, 3 * l);
+            for (int b = 0; b <= (k == l ? a : 2); ++b) row[b] += bb * own[a][b];
+          }
+        }
+    }
   });
-  motion_.Factor();
 }
 
-double Preconditioner::Apply(const EnergyData& data, const Planes& r, Planes& out) const {
-  const int size = motion_.size(), rank = data.rank();
-  std::vector<Lanes> x(size);
-  double product = 0;
-  data.grid.ForEachBlock([&](ptrdiff_t at, int block) {
-    for (int i = 0; i < size; ++i) x[i] = LoadLanes(r[i] + at);
-    motion_.Solve(block, x.data());
-    Lanes dot{};
-    for (int i = 0; i < size; ++i) {
-      dot += x[i] * LoadLanes(r[i] + at);
-      StoreLanes(out[i] + at, x[i]);
+template <int kRank>
+double NormalMatrix::ApplyRanked(const Planes& next, float carry, Planes& x, Planes& out) {
+  const Grid& grid = data_.grid;
+  const Neighbourhood neighbours(grid);
+  constexpr bool kPerFrame = kRank == 0;
+  const int rank = kPerFrame ? data_.rank() : kRank, turns = 3 * rank;
+  const int pairs = kPerFrame ? rank : kRank * (kRank + 1) / 2, blocks_per_row = grid.blocks_per_row();
+  const auto levers_of = [&](int block) { return &levers_[static_cast<size_t>(block) * kLever * pairs]; };
+  const auto advance_row = [&](int y) {
+    for (int b = 0; b < blocks_per_row; ++b) {
+      const ptrdiff_t at = grid.at(b * kLanes, y);
+      const Lanes* levers = levers_of(y * blocks_per_row + b);
+      for (int i = 0; i < 2 * turns; ++i) StoreLanes(x[i] + at, LoadLanes(next[i] + at) + carry * LoadLanes(x[i] + at));
+      for (int k = 0; k < rank; ++k) {
+        Lanes swing[9] = {};
+        for (int l = kPerFrame ? k : 0; l < (kPerFrame ? k + 1 : rank); ++l) {
+          const Lanes* lever = levers + kLever * PairOf(kPerFrame, k, l);
+          const Point8 w = Load(x, turns + 3 * l, at);
+          for (int i = 0; i < 9; ++i) swing[i] += lever[3 * i] * w.x + lever[3 * i + 1] * w.y + lever[3 * i + 2] * w.z;
+        }
+        for (int i = 0; i < 9; ++i) StoreLanes(swing_[9 * k + i] + at, swing[i]);
+      }
     }
-    const Lanes* m = &turn_[static_cast<size_t>(block) * 6];
-    for (int k = 0; k < rank; ++k) {
-      const Point8 v = Load(r, size + 3 * k, at);
-      const Point8 turned{m[0] * v.x + m[1] * v.y + m[3] * v.z, m[1] * v.x + m[2] * v.y + m[4] * v.z,
-                          m[3] * v.x + m[4] * v.y + m[5] * v.z};
-      Store(out, size + 3 * k, at, turned);
-      dot += Dot(turned, v);
+  };
+  std::vector<Lanes> own(2 * turns), sum(2 * turns), bent(9 * rank);
+  double product = 0;
+  advance_row(0);
+  for (int y = 0; y < grid.height; ++y) {
+    if (y + 1 < grid.height) advance_row(y + 1);
+    for (int b = 0; b < blocks_per_row; ++b) {
+      const int block = y * blocks_per_row + b;
+      const ptrdiff_t at = grid.at(b * kLanes, y);
+      const Point8 start = Load(data_.point, 0, at);
+      Lanes rigid[8], reg[8];
+      Point8 edges[8], edge_sum{};
+      for (int i = 0; i < 8; ++i) {
+        const Neighbour& n = neighbours.of[i];
+        const Lanes strain = LoadLanes(data_.strain[n.direction] + at + n.edge_offset);
+        rigid[i] = data_.weights.rigid * strain;
+        const Point8 e = start - Load(data_.point, 0, at + n.offset);
+        reg[i] = kRegPair * data_.weights.reg * Dot(e, e) * strain;
+        edges[i] = rigid[i] * e;
+        edge_sum = edge_sum + edges[i];
+      }
+      for (int i = 0; i < 2 * turns; ++i) own[i] = LoadLanes(x[i] + at);
+      for (int k = 0; k < rank; ++k) {
+        const int move = 3 * k, turn = turns + 3 * k;
+        const Point8 own_move{own[move], own[move + 1], own[move + 2]};
+        Point8 force{}, turn_pull{}, bent_x{}, bent_y{}, bent_z{};
+        for (int i = 0; i < 8; ++i) {
+          const ptrdiff_t there = at + neighbours.of[i].offset;
+          const Point8 moved = own_move - Load(x, move, there);
+          const Rotation<Lanes> swing{
+              {Load(swing_, 9 * k, there), Load(swing_, 9 * k + 3, there), Load(swing_, 9 * k + 6, there)}};
+          force = force + (2.0F * rigid[i]) * moved - swing * edges[i];
+          bent_x = bent_x + moved.x * edges[i], bent_y = bent_y + moved.y * edges[i];
+          bent_z = bent_z + moved.z * edges[i];
+          turn_pull = turn_pull + reg[i] * Load(x, turn, there);
+        }
+        const Rotation<Lanes> swing{
+            {Load(swing_, 9 * k, at), Load(swing_, 9 * k + 3, at), Load(swing_, 9 * k + 6, at)}};
+        force = force - swing * edge_sum;
+        sum[move] = force.x, sum[move + 1] = force.y, sum[move + 2] = force.z;
+        sum[turn] = -turn_pull.x, sum[turn + 1] = -turn_pull.y, sum[turn + 2] = -turn_pull.z;
+        const Point8 rows[3] = {bent_x, bent_y, bent_z};
+        for (int r = 0; r < 3; ++r)
+          bent[9 * k + 3 * r] = rows[r].x, bent[9 * k + 3 * r + 1] = rows[r].y, bent[9 * k + 3 * r + 2] = rows[r].z;
+      }
+      const Lanes* levers = levers_of(block);
+      for (int l = 0; l < rank; ++l) {
+        Point8 torque{};
+        for (int k = kPerFrame ? l : 0; k < (kPerFrame ? l + 1 : rank); ++k) {
+          const Lanes* lever = levers + kLever * PairOf(kPerFrame, k, l);
+          for (int i = 0; i < 9; ++i)
+            torque = torque + bent[9 * k + i] * Point8{lever[3 * i], lever[3 * i + 1], lever[3 * i + 2]};
+        }
+        for (int axis = 0; axis < 3; ++axis)
+          sum[turns + 3 * l + axis] -= axis == 0 ? torque.x : axis == 1 ? torque.y : torque.z;
+      }
+      AddBlock<3 * kRank>(motion_, block, own.data(), sum.data());
+      AddBlock<3 * kRank>(turn_, block, own.data() + turns, sum.data() + turns);
+      Lanes dot{};
+      for (int i = 0; i < 2 * turns; ++i) {
+        StoreLanes(out[i] + at, sum[i]);
+        dot += sum[i] * own[i];
+      }
+      product += Sum(dot);
+    }
+  }
+  return product;
+}
+
+double NormalMatrix::Apply(const Planes& next, float carry, Planes& x, Planes& out) {
+  if (data_.basis.per_frame()) return ApplyRanked<0>(next, carry, x, out);
+  if (data_.rank() == 1) return ApplyRanked<1>(next, carry, x, out);
+  return ApplyRanked<2>(next, carry, x, out);
+}
+
+Preconditioner::Preconditioner(const NormalMatrix& matrix)
+    : data_(matrix.data()), motion_(matrix.motion()), turn_(matrix.turn()) {
+  for (int block = 0; block < data_.grid.blocks(); ++block) {
+    Lanes* motion = motion_.block(block);
+    for (int i = 0; i < motion_.size(); ++i) motion[motion_.at(i, i)] += 2 * matrix.stiffness()[block];
+  }
+  motion_.Factor();
+  turn_.Factor();
+}
+
+template <int kSize>
+double Preconditioner::ApplySized(float alpha, const Planes& x, const Planes& image, Planes& step, Planes& r,
+                                  Planes& out) const {
+  const int size = kSize > 0 ? kSize : motion_.size();
+  std::vector<Lanes> better(2 * size), rest(2 * size);
+  double product = 0;
+  data_.grid.ForEachBlock([&](ptrdiff_t at, int block) {
+    for (int i = 0; i < 2 * size; ++i) {
+      StoreLanes(step[i] + at, LoadLanes(step[i] + at) + alpha * LoadLanes(x[i] + at));
+      rest[i] = better[i] = LoadLanes(r[i] + at) - alpha * LoadLanes(image[i] + at);
+      StoreLanes(r[i] + at, rest[i]);
+    }
+    SolveBlock<kSize>(motion_, block, better.data());
+    SolveBlock<kSize>(turn_, block, better.data() + size);
+    Lanes dot{};
+    for (int i = 0; i < 2 * size; ++i) {
+      dot += better[i] * rest[i];
+      StoreLanes(out[i] + at, better[i]);
     }
     product += Sum(dot);
   });
   return product;
+}
+
+double Preconditioner::Apply(float alpha, const Planes& x, const Planes& image, Planes& step, Planes& r,
+                             Planes& out) const {
+  if (data_.basis.per_frame()) return ApplySized<0>(alpha, x, image, step, r, out);
+  if (data_.rank() == 1) return ApplySized<3>(alpha, x, image, step, r, out);
+  return ApplySized<6>(alpha, x, image, step, r, out);
 }
 
 }  // namespace depthtween

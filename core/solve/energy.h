@@ -56,11 +56,10 @@ struct EnergyData {
   int first_turn() const { return 3 * rank(); }
 };
 
-// Symmetric positive definite blocks of the motions of each point, 3 rank x 3 rank, of which a band is stored: all of
-// it for trajectories, two frames to either side for frames by themselves.
-class MotionBlocks {
+// Symmetric positive definite blocks, one for each point, of which a band is stored.
+class PointBlocks {
  public:
-  MotionBlocks(const Grid& grid, const TimeBasis& basis);
+  PointBlocks(const Grid& grid, int size, int band);
   int size() const { return size_; }
   int band() const { return band_; }
   int per_block() const { return per_block_; }
@@ -70,8 +69,6 @@ class MotionBlocks {
   const Lanes* block(int block) const { return values_.data() + static_cast<size_t>(block) * per_block_; }
   // L D L^T in place, D inverted.
   void Factor();
-  // In place: x becomes what the factored block turns into x. `x` has `size` entries.
-  void Solve(int block, Lanes* x) const;
 
  private:
   int size_, band_, per_block_;
@@ -79,13 +76,11 @@ class MotionBlocks {
   std::vector<Lanes> values_;
 };
 
-// Value, gradient and data blocks at some unknowns.
 struct Linearisation {
-  explicit Linearisation(const EnergyData& data)
-      : gradient(data.grid, data.unknowns()), blocks(data.grid, data.basis) {}
+  explicit Linearisation(const EnergyData& data);
   double cost = 0;
-  Planes gradient;      // half the derivative of E
-  MotionBlocks blocks;  // Gauss-Newton matrix of all terms but rigid and reg: those are applied from `strain`
+  Planes gradient;     // half the derivative of E
+  PointBlocks motion;  // Gauss-Newton matrix of the motions of a point, of all terms but rigid and reg
 };
 
 // The unknowns' energy; fills `out`.
@@ -93,20 +88,49 @@ void Linearise(const EnergyData& data, const Planes& unknowns, Linearisation& ou
 // Its value alone.
 double CostOf(const EnergyData& data, const Planes& unknowns);
 
-// out = H x, the Gauss-Newton matrix with the rotations of edges taken at rest; returns x . H x.
-double ApplyNormalMatrix(const EnergyData& data, const MotionBlocks& blocks, const Planes& x, Planes& out);
-
-// Block-Jacobi: the motions of a point with all their couplings in time, its rotations.
-class Preconditioner {
+// H, the Gauss-Newton matrix at some unknowns. Terms of edges are not multiplied out: what a point's rotation does to
+// an edge is a linear map of the edge, so that a product with H costs each edge a few products of 3 x 3 with 3,
+// whatever the number of frames. Refers to `data` and to the linearisation; holds scratch, so one thread at a time.
+class NormalMatrix {
  public:
-  // Takes the data blocks over.
-  Preconditioner(const EnergyData& data, const MotionBlocks& blocks);
-  // out = M^-1 r; returns r . out.
-  double Apply(const EnergyData& data, const Planes& r, Planes& out) const;
+  // `at` belongs to `unknowns`.
+  NormalMatrix(const EnergyData& data, const Planes& unknowns, const Linearisation& at);
+  // x = next + carry x, then out = H x; returns x . H x.
+  double Apply(const Planes& next, float carry, Planes& x, Planes& out);
+
+  const EnergyData& data() const { return data_; }
+  const PointBlocks& motion() const { return motion_; }
+  const PointBlocks& turn() const { return turn_; }
+  // Sum over a point's edges of their weights in E_rigid.
+  const std::vector<Lanes>& stiffness() const { return stiffness_; }
 
  private:
-  MotionBlocks motion_;
-  std::vector<Lanes> turn_;  // six entries of the inverse of the rotation block, the same for every coefficient
+  // kRank = 0: frames by themselves, any number of them.
+  template <int kRank>
+  double ApplyRanked(const Planes& next, float carry, Planes& x, Planes& out);
+
+  const EnergyData& data_;
+  const PointBlocks& motion_;
+  PointBlocks turn_;              // of the rotations of a point: E_rigid, what E_reg has on its diagonal
+  std::vector<Lanes> levers_;     // d(sum over frames of basis_k R e)/d(turn coefficient l): 27 for each pair l <= k
+  std::vector<Lanes> stiffness_;  // 1 for each block
+  Planes swing_;                  // what x's rotations do to edges: 3 x 3 for each coefficient
+};
+
+// Block-Jacobi: the motions of a point with all their couplings in time, its rotations likewise.
+class Preconditioner {
+ public:
+  explicit Preconditioner(const NormalMatrix& matrix);
+  // step += alpha x, r -= alpha image, out = M^-1 r; returns r . out.
+  double Apply(float alpha, const Planes& x, const Planes& image, Planes& step, Planes& r, Planes& out) const;
+
+ private:
+  // kSize = 0: of any size.
+  template <int kSize>
+  double ApplySized(float alpha, const Planes& x, const Planes& image, Planes& step, Planes& r, Planes& out) const;
+
+  const EnergyData& data_;
+  PointBlocks motion_, turn_;
 };
 
 // Where a point is at a frame (0 = the first after the key) and how it has turned; of eight points from index `at` on.

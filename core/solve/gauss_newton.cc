@@ -11,8 +11,7 @@ namespace {
 constexpr double kForcing = 0.03;
 // The energy is at rest when a step lowers it by less than this share.
 constexpr double kRest = 1e-5;
-// The matrix takes rotations of edges at rest, so far from the minimum a whole step can overshoot by far; with two
-// halvings the minimiser stopped at 50 times the least cost (tests/core/solve/ceres_test.cc).
+// Far from the minimum a whole step can overshoot: kernels change, rotations are no vectors.
 constexpr int kHalvings = 12;
 
 // to += factor * from, over `count` floats.
@@ -25,34 +24,24 @@ void AddScaled(const Planes& from, float factor, size_t size, Planes& to) {
 }
 
 // Solves H step = -gradient from zero. Returns the number of iterations.
-int ConjugateGradient(const EnergyData& data, const Linearisation& at, const Preconditioner& preconditioner,
+int ConjugateGradient(NormalMatrix& matrix, const Preconditioner& preconditioner, const Planes& gradient,
                       int iterations, Planes& step) {
-  const Grid& grid = data.grid;
-  const size_t size = grid.size();
-  const int count = data.unknowns();
+  const Grid& grid = matrix.data().grid;
+  const int count = matrix.data().unknowns();
   Planes residual(grid, count), direction(grid, count), image(grid, count), better(grid, count);
   step.Clear();
-  AddScaled(at.gradient, -1.0F, size, residual);
-  double rz = preconditioner.Apply(data, residual, better);
+  AddScaled(gradient, -1.0F, grid.size(), residual);
+  double rz = preconditioner.Apply(0, direction, image, step, residual, better);
   const double first = rz;
   if (!(rz > 0)) return 0;
-  for (int plane = 0; plane < count; ++plane) std::copy_n(better[plane], size, direction[plane]);
+  float carry = 0;
   for (int i = 1;; ++i) {
-    const double curvature = ApplyNormalMatrix(data, at.blocks, direction, image);
+    const double curvature = matrix.Apply(better, carry, direction, image);
     if (!(curvature > 0)) return i;
-    const auto alpha = static_cast<float>(rz / curvature);
-    AddScaled(direction, alpha, size, step);
-    if (i == iterations) return i;
-    AddScaled(image, -alpha, size, residual);
-    const double rz_before = rz;
-    rz = preconditioner.Apply(data, residual, better);
-    if (!(rz > kForcing * kForcing * first)) return i;
-    const auto beta = static_cast<float>(rz / rz_before);
-    for (int plane = 0; plane < count; ++plane) {
-      const float* __restrict source = better[plane];
-      float* __restrict target = direction[plane];
-      for (size_t k = 0; k < size; ++k) target[k] = source[k] + beta * target[k];
-    }
+    const double before = rz;
+    rz = preconditioner.Apply(static_cast<float>(rz / curvature), direction, image, step, residual, better);
+    if (i == iterations || !(rz > kForcing * kForcing * first)) return i;
+    carry = static_cast<float>(rz / before);
   }
 }
 
@@ -69,8 +58,9 @@ SolveLevelSummary Minimise(const EnergyData& data, int newton_iterations, int co
   summary.first_cost = summary.last_cost = here.cost;
   termination = "schedule ended";
   for (int newton = 0; newton < newton_iterations; ++newton) {
-    const Preconditioner preconditioner(data, here.blocks);
-    summary.conjugate_steps += ConjugateGradient(data, here, preconditioner, conjugate_iterations, step);
+    NormalMatrix matrix(data, unknowns, here);
+    const Preconditioner preconditioner(matrix);
+    summary.conjugate_steps += ConjugateGradient(matrix, preconditioner, here.gradient, conjugate_iterations, step);
     // Half a step is the first half taken back: no second copy of the unknowns.
     float taken = 1.0F;
     AddScaled(step, taken, size, unknowns);

@@ -51,6 +51,14 @@ const std::vector<std::string>& SolvePartNames() {
   return *kNames;
 }
 
+SolveOptions SolveOptions::Reference() {
+  return {.model = MotionModel::kPerFrame,
+          .levels = 3,
+          .outer_iterations = 5,
+          .newton_iterations = 1,
+          .conjugate_iterations = 10};
+}
+
 absl::Status SolveOptions::SwitchOff(std::string_view part) {
   if (part == "opti") {
     weights.opti = 0;

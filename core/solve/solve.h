@@ -76,6 +76,10 @@ struct SolveOptions {
   int newton_iterations = 2;     // per outer one
   int conjugate_iterations = 8;  // at most, per Newton step
 
+  // The paper's model and schedule: frames by themselves; on three levels five Gauss-Newton steps of at most ten
+  // conjugate ones, what is looked up in images renewed before each.
+  static SolveOptions Reference();
+
   // Switches a term or a detector off: opti, point, plane, proj, rigid, reg, short, occlusion, topology.
   // InvalidArgument lists them if `part` is none of them.
   absl::Status SwitchOff(std::string_view part);

@@ -76,21 +76,29 @@ struct Rotation {
   Triple<T> row[3];
   Triple<T> operator*(const Triple<T>& p) const { return {Dot(row[0], p), Dot(row[1], p), Dot(row[2], p)}; }
 };
+// 1 + a [w] + b [w]^2, [w] v = w x v.
 template <typename T>
-Rotation<T> RotationOf(const Triple<T>& w) {
+Rotation<T> AboutAxis(const Triple<T>& w, const T& a, const T& b) {
   using S = Scalar<T>;
-  const T t2 = Dot(w, w);
-  const TurnSeries<T> series = SeriesOf(t2);
-  const T& a = series.sine;
-  const T& b = series.cosine;
   const T xy = b * w.x * w.y, xz = b * w.x * w.z, yz = b * w.y * w.z;
   return {{{S(1) - b * (w.y * w.y + w.z * w.z), xy - a * w.z, xz + a * w.y},
            {xy + a * w.z, S(1) - b * (w.x * w.x + w.z * w.z), yz - a * w.x},
            {xz - a * w.y, yz + a * w.x, S(1) - b * (w.x * w.x + w.y * w.y)}}};
 }
+template <typename T>
+Rotation<T> RotationOf(const Triple<T>& w) {
+  const TurnSeries<T> series = SeriesOf(Dot(w, w));
+  return AboutAxis(w, series.sine, series.cosine);
+}
 
-// The derivative of exp: exp(w + d) p = exp(w) p + (J d) x (exp(w) p), J = 1 + b [w] + c [w]^2 the left Jacobian of
-// SO(3). Returns J^T v.
+// The derivative of exp: exp(w + d) p = exp(w) p + (J d) x (exp(w) p), J the left Jacobian of SO(3): a matrix, though
+// no rotation.
+template <typename T>
+Rotation<T> LeftJacobianOf(const Triple<T>& w) {
+  const TurnSeries<T> series = SeriesOf(Dot(w, w));
+  return AboutAxis(w, series.cosine, series.rest);
+}
+// J^T v.
 template <typename T>
 Triple<T> LeftJacobianTransposed(const Triple<T>& w, const Triple<T>& v) {
   const TurnSeries<T> series = SeriesOf(Dot(w, w));

@@ -6,11 +6,12 @@
 //       end, and of the solve. Trimmed at kWorstM: a point on the wrong surface is wrong, not infinitely so. Masks:
 //       seen in both keys; hidden in the other; within 8 px of a depth jump; elsewhere. Also processor seconds per key,
 //       beside one DIS-medium flow. NAME=VALUE sets a field of SolveOptions; without=PART,... switches parts off.
-//   solve_bench ceres
-//       Processor seconds, on one thread, until the cost is within 1 % of the least that Ceres finds, of the frozen
-//       energy of a moving plane of 13 x 11 points and four frames, from its tracks and from a start that is off by
-//       0.01 m and rad in each coefficient: ours, and Ceres with automatic derivatives and a sparse Cholesky
-//       factorisation, stopped as soon as it is there. Medians of 9.
+//   solve_bench ceres [POINTS_X POINTS_Y]
+//       Processor seconds, on one thread, until the cost of a frozen energy is within 1 % of the least: of a turning,
+//       accelerating plane in four frames, one track in eleven wrong, from its tracks and from a start that is off by
+//       0.01 m and rad in each coefficient. Ours, and Ceres with automatic derivatives and whichever of its linear
+//       solvers is fastest there, each stopped at the first iterate that is good enough; building Ceres' problem is not
+//       counted. Medians of 5. Default: three sizes of each model.
 //
 // Build: cmake -S . -B build/bench -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEPTHTWEEN_RPC=OFF && ninja -C build/bench
 // solve_bench
@@ -23,6 +24,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "core/flow/dense_flow.h"
 #include "core/solve/solve.h"
@@ -40,7 +42,7 @@ namespace depthtween {
 namespace {
 
 constexpr double kWorstM = 0.5;
-constexpr int kConjugateSteps = 200;
+constexpr int kConjugateSteps = 500, kCeresIterations = 50;
 constexpr int kFrames = 8, kStep = 2, kNearJumpPx = 8;
 constexpr const char* kScenes = "kick,bounce,cloth,turntable,pan";
 
@@ -230,65 +232,120 @@ absl::Status Accuracy(const std::string& scenes, const SolveOptions& options) {
   return absl::OkStatus();
 }
 
-// Fewest steps after which `cost(steps)` is at most `bound`.
-template <typename Cost>
-int FewestSteps(double bound, const Cost& cost) {
+// Ends Ceres at the first iterate whose energy (twice Ceres' cost) is at most `bound`.
+class StopAt : public ceres::IterationCallback {
+ public:
+  explicit StopAt(double bound) : bound_(bound) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
+    iterations_ = summary.iteration;
+    reached_ = 2 * summary.cost <= bound_;
+    return reached_ ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
+  }
+  int iterations() const { return iterations_; }
+  bool reached() const { return reached_; }
+
+ private:
+  double bound_;
+  int iterations_ = 0;
+  bool reached_ = false;
+};
+
+struct CeresSolver {
+  const char* name;
+  ceres::LinearSolverType type;
+  ceres::SparseLinearAlgebraLibraryType library = ceres::SUITE_SPARSE;
+  ceres::PreconditionerType preconditioner = ceres::JACOBI;
+};
+constexpr CeresSolver kCeresSolvers[] = {
+    {"SPARSE_NORMAL_CHOLESKY, SuiteSparse", ceres::SPARSE_NORMAL_CHOLESKY},
+    {"SPARSE_NORMAL_CHOLESKY, Eigen", ceres::SPARSE_NORMAL_CHOLESKY, ceres::EIGEN_SPARSE},
+    {"ITERATIVE_SCHUR", ceres::ITERATIVE_SCHUR, ceres::SUITE_SPARSE, ceres::SCHUR_JACOBI},
+    {"CGNR", ceres::CGNR}};
+
+absl::Status BesideCeres(MotionModel model, float off, int points_x, int points_y) {
+  Planes start;
+  const Level level = HardLevel({.model = model}, off, start, points_x, points_y);
+  const auto ours = [&](int steps, double* seconds) {
+    Planes unknowns = start.Clone();
+    std::string termination;
+    SolveLevelSummary summary;
+    const double spent =
+        ProcessorSeconds([&] { summary = Minimise(level.data, steps, kConjugateSteps, unknowns, termination); });
+    if (seconds != nullptr) *seconds = spent;
+    return summary;
+  };
+  struct Theirs {
+    double seconds;
+    int iterations;
+    bool reached;
+  };
+  const auto theirs = [&](const CeresSolver& solver, double bound) {
+    CeresEnergy energy(level.data, start);
+    StopAt stop(bound);
+    ceres::Solver::Options options;
+    options.linear_solver_type = solver.type;
+    options.sparse_linear_algebra_library_type = solver.library;
+    options.preconditioner_type = solver.preconditioner;
+    options.num_threads = 1;
+    options.max_num_iterations = kCeresIterations;
+    options.logging_type = ceres::SILENT;
+    options.callbacks.push_back(&stop);
+    const double seconds = ProcessorSeconds([&] { energy.Minimise(options); });
+    return Theirs{seconds, stop.iterations(), stop.reached()};
+  };
+  const double least = ours(100, nullptr).last_cost, bound = 1.01 * least;
   int steps = 1;
-  while (cost(steps) > bound && steps < 1000) ++steps;
-  return steps;
+  while (ours(steps, nullptr).last_cost > bound) ++steps;
+  const CeresSolver* fastest = nullptr;
+  double shortest = 0;
+  for (const CeresSolver& solver : kCeresSolvers) {
+    const Theirs tried = theirs(solver, bound);
+    if (tried.reached && (fastest == nullptr || tried.seconds < shortest)) fastest = &solver, shortest = tried.seconds;
+  }
+  if (fastest == nullptr) return absl::InternalError(absl::StrFormat("Ceres did not come near %g", least));
+  constexpr int kRounds = 5;
+  std::vector<double> our_seconds(kRounds), their_seconds(kRounds);
+  Theirs last{};
+  SolveLevelSummary summary;
+  for (int round = 0; round < kRounds; ++round) {
+    summary = ours(steps, &our_seconds[round]);
+    last = theirs(*fastest, bound);
+    their_seconds[round] = last.seconds;
+  }
+  std::printf("| %d | %s | %s | %.1f | %.2f (%d, %d) | %.1f (%d, %s) | %.0f |\n",
+              level.data.unknowns() * level.data.grid.width * level.data.grid.height,
+              model == MotionModel::kTrajectory ? "trajectory" : "per frame", off > 0 ? "off by 0.01" : "tracks", least,
+              1000 * Median(our_seconds), summary.newton_steps, summary.conjugate_steps, 1000 * Median(their_seconds),
+              last.iterations, fastest->name, Median(their_seconds) / Median(our_seconds));
+  std::fflush(stdout);
+  return absl::OkStatus();
 }
 
-absl::Status BesideCeres() {
+absl::Status BesideCeres(int points_x, int points_y) {
   std::printf(
-      "| unknowns | model | start | least cost | ours, ms (Newton steps) | Ceres, ms (iterations) | Ceres / ours |\n");
-  std::printf("|---:|---|---|---:|---:|---:|---:|\n");
-  const std::pair<MotionModel, float> kCases[] = {{MotionModel::kTrajectory, 0.0F},
-                                                  {MotionModel::kTrajectory, 0.01F},
-                                                  {MotionModel::kPerFrame, 0.0F},
-                                                  {MotionModel::kPerFrame, 0.01F}};
-  for (const auto& [model, off] : kCases) {
-    Planes start;
-    const Level level = HardLevel({.model = model}, off, start);
-    ceres::Solver::Options options;
-    options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-    options.num_threads = 1;
-    options.logging_type = ceres::SILENT;
-    const auto theirs = [&](int iterations, double* seconds) {
-      CeresEnergy energy(level.data, start);  // building it is not counted
-      options.max_num_iterations = iterations;
-      const double spent = ProcessorSeconds([&] { energy.Minimise(options); });
-      if (seconds != nullptr) *seconds = spent;
-      return energy.Cost();
-    };
-    const auto ours = [&](int steps, double* seconds) {
-      Planes unknowns = start.Clone();
-      std::string termination;
-      SolveLevelSummary summary;
-      const double spent =
-          ProcessorSeconds([&] { summary = Minimise(level.data, steps, kConjugateSteps, unknowns, termination); });
-      if (seconds != nullptr) *seconds = spent;
-      return summary.last_cost;
-    };
-    const double least = theirs(200, nullptr), bound = 1.01 * least;
-    const int our_steps = FewestSteps(bound, [&](int n) { return ours(n, nullptr); });
-    const int their_steps = FewestSteps(bound, [&](int n) { return theirs(n, nullptr); });
-    std::vector<double> our_seconds(9), their_seconds(9);
-    for (int round = 0; round < 9; ++round)
-      ours(our_steps, &our_seconds[round]), theirs(their_steps, &their_seconds[round]);
-    std::printf("| %d | %s | %s | %.1f | %.2f (%d) | %.1f (%d) | %.0f |\n",
-                level.data.unknowns() * level.data.grid.width * level.data.grid.height,
-                model == MotionModel::kTrajectory ? "trajectory" : "per frame", off > 0 ? "off by 0.01" : "tracks",
-                least, 1000 * Median(our_seconds), our_steps, 1000 * Median(their_seconds), their_steps,
-                Median(their_seconds) / Median(our_seconds));
+      "| unknowns | model | start | least cost | ours, ms (Newton steps, conjugate ones) | Ceres, ms (iterations) | "
+      "Ceres / ours |\n|---:|---|---|---:|---:|---:|---:|\n");
+  struct Size {
+    int x, y;
+  };
+  for (const MotionModel model : {MotionModel::kTrajectory, MotionModel::kPerFrame}) {
+    std::vector<Size> sizes = {{13, 11}, {24, 20}, {41, 41}};
+    if (model == MotionModel::kPerFrame) sizes[2] = {29, 29};  // as many unknowns
+    if (points_x > 0) sizes = {{points_x, points_y}};
+    for (const Size& size : sizes)
+      for (const float off : {0.0F, 0.01F}) RETURN_IF_ERROR(BesideCeres(model, off, size.x, size.y));
   }
   return absl::OkStatus();
 }
 
 absl::Status Run(const std::vector<std::string>& arguments) {
   cv::setNumThreads(1);
-  if (arguments.size() == 1 && arguments[0] == "ceres") return BesideCeres();
+  if (arguments.size() == 1 && arguments[0] == "ceres") return BesideCeres(0, 0);
+  if (arguments.size() == 3 && arguments[0] == "ceres")
+    return BesideCeres(std::atoi(arguments[1].c_str()), std::atoi(arguments[2].c_str()));
   if (arguments.empty() || arguments[0] != "accuracy")
-    return absl::InvalidArgumentError("usage: solve_bench accuracy [SCENES [NAME=VALUE...]], or solve_bench ceres");
+    return absl::InvalidArgumentError(
+        "usage: solve_bench accuracy [SCENES [NAME=VALUE...]], or solve_bench ceres [X Y]");
   SolveOptions options;
   for (size_t i = 2; i < arguments.size(); ++i) RETURN_IF_ERROR(SetOption(arguments[i], options));
   return Accuracy(arguments.size() > 1 ? arguments[1] : kScenes, options);

@@ -1,4 +1,5 @@
 // Our minimiser against Ceres on the same frozen energies.
+#include <random>
 #include <string>
 
 #include "core/solve/energy.h"
@@ -35,6 +36,30 @@ TEST_P(CeresTest, FindsTheSameMinimum) {
   ASSERT_TRUE(theirs.IsSolutionUsable()) << theirs.BriefReport();
   ASSERT_LT(energy.Cost(), 0.2 * start) << "there was nothing to do";
   EXPECT_NEAR(ours.last_cost, energy.Cost(), 0.01 * energy.Cost()) << termination << "; " << theirs.BriefReport();
+}
+
+// Of terms without a kernel, where both build the same matrix: rotations count as they are, far from rest too.
+TEST_P(CeresTest, MultipliesByTheSameMatrix) {
+  SolveOptions options{.model = GetParam()};
+  for (const char* part : {"opti", "point", "plane", "proj"}) ASSERT_TRUE(options.SwitchOff(part).ok());
+  Planes unknowns;
+  const Level level = HardLevel(options, 0.3F, unknowns);
+  const Grid& grid = level.data.grid;
+  Linearisation here(level.data);
+  Linearise(level.data, unknowns, here);
+  NormalMatrix matrix(level.data, unknowns, here);
+  CeresEnergy energy(level.data, unknowns);
+  std::mt19937 random(5);
+  std::normal_distribution<float> normal;
+  for (int only = 0; only < 3; ++only) {  // motions, rotations, both
+    Planes x(grid, level.data.unknowns()), scratch = x.Clone(), image = x.Clone();
+    for (int k = 0; k < level.data.unknowns(); ++k)
+      for (int j = 0; j < grid.height; ++j)
+        for (int i = 0; i < grid.width; ++i)
+          if (only == 2 || (k < level.data.first_turn()) == (only == 0)) x[k][grid.at(i, j)] = normal(random);
+    const double curvature = energy.Curvature(x);
+    EXPECT_NEAR(matrix.Apply(x, 0, scratch, image), curvature, 1e-4 * curvature) << only;
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Models, CeresTest, ::testing::Values(MotionModel::kTrajectory, MotionModel::kPerFrame));

@@ -69,11 +69,15 @@ TEST(Energy, MatrixAndPreconditionerAreSymmetricAndPositive) {
     const Level level = SomeLevel(plane, {.model = model}, unknowns);
     const EnergyData& data = level.data;
     const Grid& grid = data.grid;
-    Linearisation here(data);
-    Linearise(data, unknowns, here);
-    const Preconditioner preconditioner(data, here.blocks);
     std::mt19937 random(11);
     std::normal_distribution<float> normal;
+    for (int k = data.first_turn(); k < data.unknowns(); ++k)
+      for (int j = 0; j < grid.height; ++j)
+        for (int i = 0; i < grid.width; ++i) unknowns[k][grid.at(i, j)] = 0.1F * normal(random);
+    Linearisation here(data);
+    Linearise(data, unknowns, here);
+    NormalMatrix matrix(data, unknowns, here);
+    const Preconditioner preconditioner(matrix);
     Planes a(grid, data.unknowns()), b(grid, data.unknowns()), out_a(grid, data.unknowns()),
         out_b(grid, data.unknowns());
     for (int k = 0; k < data.unknowns(); ++k)
@@ -86,12 +90,15 @@ TEST(Energy, MatrixAndPreconditionerAreSymmetricAndPositive) {
           for (int i = 0; i < grid.width; ++i) sum += static_cast<double>(x[k][grid.at(i, j)]) * y[k][grid.at(i, j)];
       return sum;
     };
-    const double aha = ApplyNormalMatrix(data, here.blocks, a, out_a);
-    const double bhb = ApplyNormalMatrix(data, here.blocks, b, out_b);
+    const Planes nothing(grid, data.unknowns());
+    Planes step = nothing.Clone(), x = nothing.Clone();
+    const double aha = matrix.Apply(a, 0, x, out_a);
+    const double bhb = matrix.Apply(b, 0, x, out_b);
     EXPECT_GT(aha, 0);
     EXPECT_NEAR(aha, dot(a, out_a), 1e-4 * aha);
     EXPECT_NEAR(dot(b, out_a), dot(a, out_b), 1e-4 * std::sqrt(aha * bhb));
-    const double ama = preconditioner.Apply(data, a, out_a), bmb = preconditioner.Apply(data, b, out_b);
+    const double ama = preconditioner.Apply(0, nothing, nothing, step, a, out_a);
+    const double bmb = preconditioner.Apply(0, nothing, nothing, step, b, out_b);
     EXPECT_GT(ama, 0);
     EXPECT_NEAR(dot(b, out_a), dot(a, out_b), 1e-3 * std::sqrt(ama * bmb));
   }

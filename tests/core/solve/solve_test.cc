@@ -42,6 +42,21 @@ TEST(Solve, FindsATurningPlane) {
   }
 }
 
+// The paper's schedule takes the steps it names on every level and finds the plane, too: the truth is its pose.
+TEST(Solve, ReferenceTakesThePapersSchedule) {
+  const MovingPlane plane({});
+  const auto result = Solve(plane.Problem(), SolveOptions::Reference());
+  ASSERT_TRUE(result.ok()) << result.status();
+  ASSERT_EQ(result->summary.levels.size(), 3U);
+  for (const SolveLevelSummary& level : result->summary.levels) {
+    EXPECT_LE(level.newton_steps, 5);
+    EXPECT_GE(level.newton_steps, 1);
+    EXPECT_LE(level.conjugate_steps, 5 * 10);
+  }
+  EXPECT_EQ(result->motion.data().rank(), 4);
+  for (int s = 1; s <= 4; ++s) EXPECT_LT(WorstError(plane, result->motion, s, 2), 5e-3) << s;
+}
+
 // The short term asks for less acceleration than there is; it may win a tenth of a pixel, no more (a pixel: 33 mm).
 TEST(Solve, FollowsAcceleration) {
   const MovingPlane plane({.bend_m = 0.1});

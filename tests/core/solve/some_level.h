@@ -26,8 +26,9 @@ inline Level SomeLevel(const MovingPlane& plane, const SolveOptions& options, Pl
 
 // The plane turns, travels, accelerates; some of its tracks are wrong, so that kernels matter, and each coefficient of
 // the start is off by `start_off` (metres, radians).
-inline Level HardLevel(const SolveOptions& options, float start_off, Planes& unknowns) {
-  MovingPlane plane({.width = 26, .height = 22, .bend_m = 0.05});
+inline Level HardLevel(const SolveOptions& options, float start_off, Planes& unknowns, int points_x = 13,
+                       int points_y = 11) {
+  MovingPlane plane({.width = 2 * points_x, .height = 2 * points_y, .bend_m = 0.05});
   std::mt19937 random(3);
   std::normal_distribution<float> normal;
   for (int s = 1; s <= 4; ++s)
