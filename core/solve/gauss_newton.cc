@@ -39,8 +39,10 @@ int ConjugateGradient(NormalMatrix& matrix, const Preconditioner& preconditioner
     const double curvature = matrix.Apply(better, carry, direction, image);
     if (!(curvature > 0)) return i;
     const double before = rz;
-    rz = preconditioner.Apply(static_cast<float>(rz / curvature), direction, image, step, residual, better);
-    if (i == iterations || !(rz > kForcing * kForcing * first)) return i;
+    const auto alpha = static_cast<float>(rz / curvature);
+    if (i == iterations) return AddScaled(direction, alpha, grid.size(), step), i;  // nobody asks what is left
+    rz = preconditioner.Apply(alpha, direction, image, step, residual, better);
+    if (!(rz > kForcing * kForcing * first)) return i;
     carry = static_cast<float>(rz / before);
   }
 }
