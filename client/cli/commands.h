@@ -11,6 +11,7 @@
 namespace depthtween::cli {
 
 void AddSubmitCommand(CLI::App& app, int* exit_code);
+void AddSceneFlowCommand(CLI::App& app, int* exit_code);
 void AddWatchCommand(CLI::App& app, int* exit_code);
 void AddFetchCommand(CLI::App& app, int* exit_code);
 void AddRenderCommand(CLI::App& app, int* exit_code);

@@ -17,11 +17,15 @@ std::string DescribeProgress(const v1::Job& job) {
     return absl::StrCat(state, ", ", progress.queue_position(), progress.queue_position() == 1 ? " job" : " jobs",
                         " ahead");
   }
-  if (client::HasEnded(job.state())) return absl::StrCat(state, ", ", progress.frames_done(), " frames");
+  if (client::HasEnded(job.state()))
+    return absl::StrCat(state, ", ", progress.frames_done(),
+                        job.has_scene_flow_options() ? " pairs of frames" : " frames");
   std::string text;
   if (progress.frames_total() > 0) {
-    text = absl::StrCat("frame ", progress.frames_done(), " of ", progress.frames_total(), ", interval ",
-                        progress.intervals_done(), " of ", progress.intervals_total(), ", ");
+    text = job.has_scene_flow_options()
+               ? absl::StrCat("pair ", progress.frames_done(), " of ", progress.frames_total(), ", ")
+               : absl::StrCat("frame ", progress.frames_done(), " of ", progress.frames_total(), ", interval ",
+                              progress.intervals_done(), " of ", progress.intervals_total(), ", ");
   }
   if (progress.rendered_frames_total() > 0) {
     absl::StrAppend(&text, "picture ", progress.rendered_frames_done(), " of ", progress.rendered_frames_total(), ", ");

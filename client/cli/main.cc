@@ -30,6 +30,7 @@ int Main(int argc, const char* const* argv) {
   app.require_subcommand(1);
   app.get_formatter()->column_width(34);
   AddSubmitCommand(app, &exit_code);
+  AddSceneFlowCommand(app, &exit_code);
   AddWatchCommand(app, &exit_code);
   AddFetchCommand(app, &exit_code);
   AddRenderCommand(app, &exit_code);

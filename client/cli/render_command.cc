@@ -24,6 +24,7 @@ namespace fs = std::filesystem;
 constexpr char kFooter[] =
     "A finished JOB is rendered by a new job on the server that takes its depth over and computes none; the same\n"
     "command again finds that job. With --frame one picture is rendered at once, from a job that may still run.\n"
+    "Preset and stages left out are the job's: they made its depth. For another preset, submit again with --preset.\n"
     "OUT is a video (.mp4: H.264, .mkv: FFV1, lossless) or a folder for images; with --frame an image (.png, .jpg).\n"
     "Videos of two eyes get the ending that players know them by, such as _LRF_Full_SBS.\n"
     "\n"

@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
 #include "client/lib/backoff.h"
 #include "client/lib/files.h"
 #include "proto/depthtween/crc32c.h"
@@ -138,14 +139,25 @@ absl::Status CheckName(const std::string& name) {
   return absl::DataLossError(absl::StrFormat("the server named a file '%s', which is not a plain file name", name));
 }
 
+// Where an output lies in a result folder: the name of a file, or of a folder with frames, which may lie in another.
+absl::StatusOr<std::string> PlaceOf(const v1::Output& output) {
+  if (output.kind() != v1::Output::KIND_FRAMES) {
+    RETURN_IF_ERROR(CheckName(output.file_name()));
+    return output.file_name();
+  }
+  // A server of an earlier version says nothing.
+  const std::string place = output.file_name().empty() ? LastPart(output.name()) : output.file_name();
+  for (const absl::string_view part : absl::StrSplit(place, '/')) RETURN_IF_ERROR(CheckName(std::string(part)));
+  return place;
+}
+
 // What a result has, and what the new one will have: pictures of another job under other names stay.
 absl::Status RemoveResult(const std::string& directory, const v1::ListOutputsResponse& outputs) {
-  std::vector<std::string> parts = {".fetch.json", "report.json", "depth.txt", "camera.json", "depth",
-                                    "uncertainty", "provenance",  "motion",    "sceneflow"};
+  std::vector<std::string> parts = {".fetch.json", "report.json",  "depth.txt", "camera.json", "depth",
+                                    "uncertainty", "provenance",   "motion",    "sceneflow",   "preview.png",
+                                    "flow",        "depth_change", "kitti"};
   for (const v1::Output& output : outputs.outputs()) {
-    const std::string part = output.kind() == v1::Output::KIND_FRAMES ? LastPart(output.name()) : output.file_name();
-    RETURN_IF_ERROR(CheckName(part));
-    parts.push_back(part);
+    ASSIGN_OR_RETURN(parts.emplace_back(), PlaceOf(output));
   }
   for (const std::string& part : parts) {
     const fs::path path = fs::path(directory) / part;
@@ -222,10 +234,21 @@ absl::StatusOr<int64_t> FetchFile(Connection& connection, const std::string& nam
 }
 
 absl::StatusOr<std::string> FrameFileName(const v1::FrameHeader& header) {
-  const char* const extension = header.encoding() == v1::ENCODING_JPEG  ? ".jpg"
-                                : header.encoding() == v1::ENCODING_NPZ ? ".npz"
-                                                                        : ".png";
-  const std::string name = absl::StrCat(header.stem(), extension);
+  const auto extension = [&] {
+    switch (header.encoding()) {
+      case v1::ENCODING_JPEG:
+        return ".jpg";
+      case v1::ENCODING_NPZ:
+        return ".npz";
+      case v1::ENCODING_FLO:
+        return ".flo";
+      case v1::ENCODING_PFM:
+        return ".pfm";
+      default:
+        return ".png";
+    }
+  };
+  const std::string name = absl::StrCat(header.stem(), extension());
   RETURN_IF_ERROR(CheckName(name));
   return name;
 }
@@ -284,12 +307,12 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
   for (const v1::Output& output : outputs.outputs()) {
     if (output.kind() != v1::Output::KIND_FRAMES) continue;
     progress.frames_total += output.frame_count();
-    progress.frames_done += state.next_frame(LastPart(output.name()));
+    ASSIGN_OR_RETURN(const std::string folder, PlaceOf(output));
+    progress.frames_done += state.next_frame(folder);
   }
   for (const v1::Output& output : outputs.outputs()) {
     if (output.kind() != v1::Output::KIND_FRAMES) continue;
-    const std::string folder = LastPart(output.name());
-    RETURN_IF_ERROR(CheckName(folder));
+    ASSIGN_OR_RETURN(const std::string folder, PlaceOf(output));
     RETURN_IF_ERROR(MakeFolder(absl::StrCat(directory, "/", folder)));
     v1::StreamFramesRequest request;
     request.set_name(output.name());
@@ -316,7 +339,8 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
   for (const v1::Output& output : outputs.outputs()) {
     if (output.kind() == v1::Output::KIND_FRAMES) {
       progress.frames_total += output.frame_count();
-      if (output.frame_count() == 0 || state.next_frame(LastPart(output.name())) < output.frame_count()) {
+      ASSIGN_OR_RETURN(const std::string folder, PlaceOf(output));
+      if (output.frame_count() == 0 || state.next_frame(folder) < output.frame_count()) {
         summary.complete = false;
       }
       continue;
@@ -325,9 +349,8 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
       summary.complete = false;
       continue;
     }
-    RETURN_IF_ERROR(CheckName(output.file_name()));
-    ASSIGN_OR_RETURN(const int64_t bytes,
-                     FetchFile(connection, output.name(), absl::StrCat(directory, "/", output.file_name())));
+    ASSIGN_OR_RETURN(const std::string file, PlaceOf(output));
+    ASSIGN_OR_RETURN(const int64_t bytes, FetchFile(connection, output.name(), absl::StrCat(directory, "/", file)));
     progress.bytes += bytes;
   }
   if (summary.complete) RETURN_IF_ERROR(state.Remove());

@@ -62,15 +62,6 @@ PreparedFrame Prepare(const RgbdView& view, const DepthNoise& noise, int threads
 
 }  // namespace
 
-const std::vector<std::string>& SceneFlowMethods() {
-  static const auto* const kNames = [] {
-    auto* const names = new std::vector<std::string>;
-    for (const NamedMethod& method : kMethods) names->emplace_back(method.name);
-    return names;
-  }();
-  return *kNames;
-}
-
 absl::Status SceneFlowOptions::Validate() const {
   if (Find(method) == nullptr)
     return absl::InvalidArgumentError(absl::StrFormat("SceneFlowOptions.method = '%s', must be one of %s", method,

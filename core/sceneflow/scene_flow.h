@@ -18,6 +18,7 @@
 #include "core/fill/key_cleaning.h"
 #include "core/geometry/camera.h"
 #include "core/sequence/rgbd_view.h"
+#include "core/sequence/scene_flow_names.h"
 
 namespace depthtween {
 
@@ -41,9 +42,6 @@ struct SceneFlowOptions {
   // InvalidArgument with field, value and rule.
   absl::Status Validate() const;
 };
-
-// "ours", "pd-flow", "sr-flow", "layered-flow".
-const std::vector<std::string>& SceneFlowMethods();
 
 // Shapes:   colour and depth W x H as the camera says.
 // Errors:   InvalidArgument for options, a camera that does not validate and sizes that differ; FailedPrecondition when

@@ -82,11 +82,6 @@ absl::Status WriteKittiOf(const std::string& dir, const std::string& stem, const
 
 }  // namespace
 
-const std::vector<std::string>& SceneFlowFormats() {
-  static const auto* const kNames = new std::vector<std::string>{"npz", "flo", "kitti"};
-  return *kNames;
-}
-
 std::string SceneFlowNpzName(const std::string& stem) { return "sceneflow/" + stem + ".npz"; }
 
 absl::Status MakeSceneFlowFolders(const std::string& dir, const std::vector<std::string>& formats) {

@@ -21,11 +21,6 @@
 
 namespace depthtween::tools {
 
-inline constexpr double kDefaultBaselineM = 0.1;
-
-// "npz", "flo", "kitti".
-const std::vector<std::string>& SceneFlowFormats();
-
 std::string SceneFlowNpzName(const std::string& stem);  // sceneflow/STEM.npz
 
 // The folders that the formats need, under `dir`.

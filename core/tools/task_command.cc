@@ -20,6 +20,8 @@
 #include "core/tools/commands.h"
 #include "core/tools/progress_pipe.h"
 #include "core/tools/render_run.h"
+#include "core/tools/scene_flow_files.h"
+#include "core/tools/scene_flow_run.h"
 #include "core/tools/self_check.h"
 #include "core/tools/signals.h"
 #include "core/tools/upsample_run.h"
@@ -57,7 +59,8 @@ std::string RenderPath(size_t index) { return absl::StrCat("renders[", index, "]
 struct Input {
   UpsampleOptions options;
   std::vector<RenderOptions> renders;
-  json render;  // of render-frame
+  json render;                               // of render-frame
+  std::optional<SceneFlowOrder> scene_flow;  // in place of an upsampling, of which `options` keeps `threads` alone
   std::unique_ptr<SequenceFolder> recording;
 };
 
@@ -70,9 +73,12 @@ absl::StatusOr<Input> OpenInput(const TaskArguments& arguments) {
       ASSIGN_OR_RETURN(input.renders, ParseRenders(options["renders"]));
     }
     if (options.contains("render")) input.render = options["render"];
-    options.erase("renders");
-    options.erase("render");
+    if (options.contains("sceneflow")) {
+      ASSIGN_OR_RETURN(input.scene_flow, ParseSceneFlowOrder(options["sceneflow"]));
+    }
+    for (const char* const others : {"renders", "render", "sceneflow"}) options.erase(others);
     ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(options.dump()));
+    if (input.scene_flow) input.scene_flow->threads = input.options.threads;
   } else {
     ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(text));  // says what is wrong with it
   }
@@ -119,6 +125,11 @@ absl::Status ValidateTask(const Task& task) {
 
 absl::Status PrepareTask(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(task.arguments));
+  if (input.scene_flow) {
+    const Sequence& sequence = input.recording->sequence();
+    ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(sequence, input.scene_flow->every));
+    return WriteFileDurably(task.arguments.constants, Dump(PairsToJson(pairs, sequence)));
+  }
   ASSIGN_OR_RETURN(const ClipPlan plan,
                    PrepareClip(*input.recording, input.options, task.stop, [&](int done, int total) {
                      task.progress.Send({{"stage", absl::StrFormat("clock, look %d of %d", done, total)}});
@@ -158,9 +169,45 @@ class TaskObserver : public RunObserver {
   const Task& task_;
 };
 
+// Intervals of a scene flow: pairs of frames.
+absl::Status PairsTask(const Task& task, const Input& input) {
+  const TaskArguments& arguments = task.arguments;
+  ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(input.recording->sequence(), input.scene_flow->every));
+  const int pair_count = static_cast<int>(pairs.size());
+  if (arguments.first < 0 || arguments.count < 1 || arguments.first > pair_count - arguments.count)
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%d intervals from interval %d on are not there: this clip has intervals 0 to %d",
+                        arguments.count, arguments.first, pair_count - 1));
+  RETURN_IF_ERROR(MakeSceneFlowFolders(arguments.out, input.scene_flow->formats));
+  for (int i = arguments.first; i < arguments.first + arguments.count; ++i) {
+    task.progress.Send({{"stage", "scene flow"}, {"interval", i}});
+    ASSIGN_OR_RETURN(const ComputedPair computed,
+                     ComputePair(*input.recording, pairs[i], *input.scene_flow, task.stop, arguments.out));
+    RETURN_IF_ERROR(WriteFileDurably(IntervalReportPath(arguments.out, i), Dump(ToJson(computed.summary))));
+    task.progress.Send({{"interval_done", i}, {"seconds", computed.summary.seconds}, {"frames", 1}});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AssemblePairs(const Task& task, const Input& input) {
+  const std::string& out = task.arguments.out;
+  ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(input.recording->sequence(), input.scene_flow->every));
+  std::vector<PairSummary> summaries;
+  for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {
+    ASSIGN_OR_RETURN(const std::string text, ReadFile(IntervalReportPath(out, i)));
+    ASSIGN_OR_RETURN(summaries.emplace_back(), ParsePairSummary(text));
+  }
+  std::vector<PicturedPair> pictured;
+  for (const int i : PairsToPicture(static_cast<int>(pairs.size()))) {
+    ASSIGN_OR_RETURN(pictured.emplace_back(), ReadPicture(*input.recording, pairs[i], out));
+  }
+  return FinishSceneFlow(*input.scene_flow, out, summaries, pictured).status();
+}
+
 absl::Status IntervalsTask(const Task& task) {
   const TaskArguments& arguments = task.arguments;
   ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
+  if (input.scene_flow) return PairsTask(task, input);
   ASSIGN_OR_RETURN(const ClipPlan plan, ReadClipPlan(arguments, input));
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(input.options));
   const ClipSource source(*input.recording, plan.clock, input.options.key_every);
@@ -284,6 +331,7 @@ absl::StatusOr<json> AssembleRenders(const Task& task, const Input& input, const
 absl::Status AssembleTask(const Task& task) {
   const TaskArguments& arguments = task.arguments;
   ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
+  if (input.scene_flow) return AssemblePairs(task, input);
   ASSIGN_OR_RETURN(const ClipPlan plan, ReadClipPlan(arguments, input));
   std::vector<IntervalReport> reports;
   for (const Interval& interval : plan.intervals) {
@@ -349,7 +397,7 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
   };
   const auto add_options = [&](CLI::App* step) {
     step->add_option("--options", arguments->options,
-                     "JSON file: method, key_every, threads, preset, without..., renders")
+                     "JSON file: method, key_every, threads, preset, without..., renders; or sceneflow")
         ->required()
         ->type_name("FILE");
   };

@@ -296,6 +296,11 @@ std::string Manager::OutputFile(std::string_view id, const OutputSpec& output) c
 absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(std::string_view id, const FrameRenderOrder& order,
                                                              std::function<void()> on_done) {
   ASSIGN_OR_RETURN(const JobRecord job, store_.GetJob(id));
+  if (job.scene_flow_options) {
+    return WithErrorInfo(
+        absl::FailedPreconditionError(absl::StrCat("jobs/", job.id, " has scene flow and no depth to render from")),
+        {.reason = "NO_DEPTH", .metadata = {{"resource", "jobs/" + job.id}}});
+  }
   ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, store_.JobFrames(id, order.frame, 1));
   if (job.frames_total > 0 && order.frame >= job.frames_total) {
     return WithErrorInfo(

@@ -60,7 +60,8 @@ enum class OutputKind {
   kTimestamps,
   kCamera,
   kPictures,
-  kVideo
+  kVideo,
+  kPreview
 };
 struct OutputSpec {
   OutputKind kind;
@@ -71,7 +72,8 @@ struct OutputSpec {
   int render = -1;                // of kPictures and kVideo: into JobRecord::renders
   bool assembled = false;         // of frames: made at the end, for the frames that have it; else with their interval
 };
-// What every job has, then what its options and its renders add.
+// Of a job that upsamples: what each has, then what its options and its renders add. Of one that computes scene flow:
+// its formats.
 std::vector<OutputSpec> OutputsOf(const JobRecord& job);
 
 // One picture to be rendered now.

@@ -149,6 +149,10 @@ std::string OptionsJson(const UpsampleOptions& options, const std::vector<Render
   return value.dump();
 }
 
+std::string SceneFlowJson(const SceneFlowOptions& options, int threads) {
+  return json({{"sceneflow", json::parse(ToJson(options))}, {"threads", threads}}).dump();
+}
+
 std::string FrameRenderJson(const UpsampleOptions& options, const std::string& render, bool jpeg) {
   json value = {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
   value["render"] = json::parse(render);

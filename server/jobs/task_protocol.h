@@ -29,6 +29,8 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
 // The content of the options file.
 std::string OptionsJson(const UpsampleOptions& options, const std::vector<RenderRecord>& renders = {});
 
+// The same of a job that computes scene flow.
+std::string SceneFlowJson(const SceneFlowOptions& options, int threads);
 // The same for `render-frame`, with the options of its one render.
 std::string FrameRenderJson(const UpsampleOptions& options, const std::string& render, bool jpeg);
 

@@ -97,7 +97,10 @@ absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, co
 absl::Status TaskRunner::MakeResultFolders(const JobRecord& job) {
   const std::string out = directory_.OutFolder(job.id);
   for (const OutputSpec& output : OutputsOf(job)) {
-    if (output.frames) RETURN_IF_ERROR(MakeFolder(out + "/" + output.file_name));
+    if (!output.frames) continue;
+    const std::string folder = out + "/" + output.file_name;
+    RETURN_IF_ERROR(MakeFolder(folder));
+    RETURN_IF_ERROR(SyncFolder(folder.substr(0, folder.rfind('/'))));  // which may be a folder of several
   }
   if (KeepsMotion(job)) RETURN_IF_ERROR(MakeFolder(out + kMotionFolder));
   for (const std::string& changed : {out, directory_.JobFolder(job.id), directory_.JobsFolder()}) {
@@ -167,8 +170,9 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
   if (task.kind != TaskKind::kValidate) {
     UpsampleOptions options = job.options;
     if (options.threads == 0) options.threads = options_.default_threads;
-    if (const absl::Status written = WriteScratchFile(paths.options, OptionsJson(options, job.renders));
-        !written.ok()) {
+    const std::string text = job.scene_flow_options ? SceneFlowJson(*job.scene_flow_options, options.threads)
+                                                    : OptionsJson(options, job.renders);
+    if (const absl::Status written = WriteScratchFile(paths.options, text); !written.ok()) {
       return failed(written);
     }
   }

@@ -1,6 +1,7 @@
 #include "server/rpc/encode.h"
 
 #include <algorithm>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -141,6 +142,32 @@ v1::UpsampleOptions Encode(const UpsampleOptions& options) {
   message.set_causal(options.causal);
   message.set_clock(options.clock);
   message.set_scene_flow(options.scene_flow);
+  return message;
+}
+
+constexpr std::pair<v1::SceneFlowOptions::Method, std::string_view> kSceneFlowMethods[] = {
+    {v1::SceneFlowOptions::METHOD_UNSPECIFIED, "ours"},          {v1::SceneFlowOptions::METHOD_OURS, "ours"},
+    {v1::SceneFlowOptions::METHOD_PD_FLOW, "pd-flow"},           {v1::SceneFlowOptions::METHOD_SR_FLOW, "sr-flow"},
+    {v1::SceneFlowOptions::METHOD_LAYERED_FLOW, "layered-flow"},
+};
+constexpr std::pair<v1::SceneFlowOptions::Format, std::string_view> kSceneFlowFormats[] = {
+    {v1::SceneFlowOptions::FORMAT_NPZ, "npz"},
+    {v1::SceneFlowOptions::FORMAT_FLO, "flo"},
+    {v1::SceneFlowOptions::FORMAT_KITTI, "kitti"},
+};
+
+v1::SceneFlowOptions Encode(const SceneFlowOptions& options) {
+  v1::SceneFlowOptions message;
+  for (const auto& [method, name] : kSceneFlowMethods) {
+    if (options.method == name) message.set_method(method);
+  }
+  for (const std::string& format : options.formats) {
+    for (const auto& [known, name] : kSceneFlowFormats) {
+      if (format == name) message.add_formats(known);
+    }
+  }
+  message.set_every(options.every);
+  message.set_baseline_m(options.baseline_m);
   return message;
 }
 
@@ -315,6 +342,35 @@ absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
   return result;
 }
 
+absl::StatusOr<SceneFlowOptions> Decode(const v1::SceneFlowOptions& options) {
+  SceneFlowOptions result;
+  const auto* method = std::find_if(std::begin(kSceneFlowMethods), std::end(kSceneFlowMethods),
+                                    [&](const auto& entry) { return entry.first == options.method(); });
+  if (method == std::end(kSceneFlowMethods)) {
+    return InvalidField("job.scene_flow_options.method", absl::StrCat("= ", static_cast<int>(options.method()),
+                                                                      ", must be a method that this server knows"));
+  }
+  result.method = method->second;
+  // In their own order, each once.
+  std::set<int> asked(options.formats().begin(), options.formats().end());
+  asked.insert(v1::SceneFlowOptions::FORMAT_NPZ);
+  result.formats.clear();
+  for (const auto& [format, name] : kSceneFlowFormats) {
+    if (asked.erase(format) > 0) result.formats.emplace_back(name);
+  }
+  if (!asked.empty()) {
+    return InvalidField("job.scene_flow_options.formats",
+                        absl::StrCat("has ", *asked.begin(), ", must be formats that this server knows"));
+  }
+  if (options.every() < 0) {
+    return InvalidField("job.scene_flow_options.every",
+                        absl::StrCat("= ", options.every(), ", must be >= 0 (0 means 1)"));
+  }
+  result.every = std::max(1, options.every());
+  if (options.baseline_m() != 0.0) result.baseline_m = options.baseline_m();
+  return result;
+}
+
 absl::StatusOr<NewJob> Decode(const v1::Job& job) {
   NewJob result = {.display_name = job.display_name()};
   ASSIGN_OR_RETURN(result.sequence_id, ParseSequenceName("job.sequence", job.sequence()));
@@ -326,6 +382,9 @@ absl::StatusOr<NewJob> Decode(const v1::Job& job) {
   for (int i = 0; i < job.renders_size(); ++i) {
     ASSIGN_OR_RETURN(result.renders.emplace_back().options,
                      RenderToJson(absl::StrCat("job.renders[", i, "]"), job.renders(i)));
+  }
+  if (job.has_scene_flow_options()) {
+    ASSIGN_OR_RETURN(result.scene_flow_options, Decode(job.scene_flow_options()));
   }
   if (!job.depth_from().empty()) {
     ASSIGN_OR_RETURN(result.depth_from, ParseJobName("job.depth_from", job.depth_from()));
@@ -430,6 +489,7 @@ v1::Job Encode(const JobView& job) {
     *added = RenderFromJson(render.options);
     added->set_name(render.name);
   }
+  if (record.scene_flow_options) *message.mutable_scene_flow_options() = Encode(*record.scene_flow_options);
   if (!record.depth_from.empty()) message.set_depth_from(JobName(record.depth_from));
   message.set_state(Encode(record.state));
   message.set_attempt(record.attempt);

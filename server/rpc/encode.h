@@ -51,6 +51,7 @@ absl::StatusOr<PageRequest> ParsePage(int page_size, std::string_view page_token
 
 // ---- values ----
 
+absl::StatusOr<SceneFlowOptions> Decode(const v1::SceneFlowOptions& options);
 absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options);
 // What CreateJob is asked for.
 absl::StatusOr<NewJob> Decode(const v1::Job& job);

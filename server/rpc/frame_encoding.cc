@@ -69,7 +69,9 @@ std::vector<v1::Encoding> EncodingsOf(const OutputSpec& output) {
       if (output.extension == "jpg") return {v1::ENCODING_JPEG};
       return {v1::ENCODING_PNG, v1::ENCODING_JPEG};
     case OutputKind::kSceneFlow:
-      return {v1::ENCODING_NPZ};
+      if (output.extension == "flo") return {v1::ENCODING_FLO};
+      if (output.extension == "pfm") return {v1::ENCODING_PFM};
+      return {output.extension == "npz" ? v1::ENCODING_NPZ : v1::ENCODING_PNG};
     default:
       return {};
   }

@@ -34,6 +34,7 @@ class OutputService : public v1::OutputService::CallbackService {
       for (const OutputSpec& spec : OutputsOf(job.record)) {
         v1::Output* output = response->add_outputs();
         output->set_name(OutputName(job_id, spec.id));
+        output->set_file_name(spec.file_name);
         if (spec.frames) {
           output->set_kind(v1::Output::KIND_FRAMES);
           for (const v1::Encoding encoding : EncodingsOf(spec)) output->add_encodings(encoding);
@@ -41,7 +42,6 @@ class OutputService : public v1::OutputService::CallbackService {
           output->set_frame_count(job.record.frames_total);
         } else {
           output->set_kind(v1::Output::KIND_FILE);
-          output->set_file_name(spec.file_name);
           if (job.record.state == JobState::kSucceeded) {
             ASSIGN_OR_RETURN(const int64_t size_bytes, FileSize(jobs_.OutputFile(job_id, spec)));
             output->set_ready(true);

@@ -23,6 +23,7 @@ namespace depthtween::server {
 //   WRONG_STATE            FailedPrecondition   state
 //   BAD_FIELD              InvalidArgument      field
 //   FRAME_NOT_READY        FailedPrecondition   frame
+//   NO_DEPTH               FailedPrecondition   resource
 //   SEQUENCE_GONE          FailedPrecondition   resource
 //   NO_SUCH_FRAME          OutOfRange           frame_count
 //   SERVER_BUSY            ResourceExhausted

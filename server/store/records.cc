@@ -102,4 +102,51 @@ absl::Status UpsampleOptions::Validate() const {
   return absl::OkStatus();
 }
 
+absl::Status SceneFlowOptions::Validate() const {
+  constexpr int kMaxEvery = 1'000'000;
+  constexpr double kMinBaselineM = 1e-4, kMaxBaselineM = 100.0;
+  const auto bad = [](const std::string& field, const std::string& message) {
+    return BadField("job.scene_flow_options." + field, absl::StrCat("SceneFlowOptions.", field, " ", message));
+  };
+  const auto knows = [](const std::vector<std::string>& known, const std::string& name) {
+    return std::find(known.begin(), known.end(), name) != known.end();
+  };
+  if (!knows(SceneFlowMethods(), method)) {
+    return bad("method", absl::StrCat("= \"", absl::CEscape(method),
+                                      "\", must be one of: ", absl::StrJoin(SceneFlowMethods(), ", ")));
+  }
+  if (!knows(formats, "npz")) return bad("formats", "has no \"npz\", which every job writes");
+  for (const std::string& format : formats) {
+    if (!knows(SceneFlowFormats(), format)) {
+      return bad("formats", absl::StrCat("has \"", absl::CEscape(format),
+                                         "\", must be some of: ", absl::StrJoin(SceneFlowFormats(), ", ")));
+    }
+  }
+  if (every < 1 || every > kMaxEvery) return bad("every", absl::StrCat("= ", every, ", must be 1 to ", kMaxEvery));
+  if (!(baseline_m >= kMinBaselineM && baseline_m <= kMaxBaselineM)) {
+    return bad("baseline_m", absl::StrCat("= ", baseline_m, ", must be ", kMinBaselineM, " to ", kMaxBaselineM));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status NewJob::Validate() const {
+  RETURN_IF_ERROR(options.Validate());
+  if (!scene_flow_options) return absl::OkStatus();
+  const auto not_both = [](const char* field) {
+    return BadField(field, absl::StrCat(field, " is for jobs that upsample, and this one has scene_flow_options"));
+  };
+  if (!renders.empty()) return not_both("job.renders");
+  if (!depth_from.empty()) return not_both("job.depth_from");
+  const UpsampleOptions defaults;
+  if (options.method != defaults.method) return not_both("job.options.method");
+  if (options.key_every != defaults.key_every) return not_both("job.options.key_every");
+  if (options.clock != defaults.clock) return not_both("job.options.clock");
+  if (options.preset != defaults.preset) return not_both("job.options.preset");
+  if (!options.without.empty()) return not_both("job.options.without");
+  if (options.causal) return not_both("job.options.causal");
+  if (options.self_check) return not_both("job.options.self_check");
+  if (options.scene_flow) return not_both("job.options.scene_flow");
+  return scene_flow_options->Validate();
+}
+
 }  // namespace depthtween::server

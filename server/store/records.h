@@ -13,6 +13,7 @@
 #include "absl/time/time.h"
 #include "core/base/status.h"
 #include "core/geometry/camera.h"
+#include "core/sequence/scene_flow_names.h"
 
 namespace depthtween::server {
 
@@ -106,6 +107,17 @@ struct UpsampleOptions {
   absl::Status Validate() const;
 };
 
+// The options of `depthtween-core sceneflow`.
+struct SceneFlowOptions {
+  std::string method = "ours";                 // of SceneFlowMethods() (core/sequence/scene_flow_names.h)
+  std::vector<std::string> formats = {"npz"};  // of SceneFlowFormats(); npz is always among them
+  int every = 1;                               // from every n-th colour frame to the n-th after it
+  double baseline_m = kDefaultBaselineM;       // of the disparities of "kitti"
+
+  // InvalidArgument with field, value and rule.
+  absl::Status Validate() const;
+};
+
 // How far the result of an upsampling will be from depth that was measured and held out, as depthtween-core found it.
 struct SelfCheck {
   struct Method {
@@ -171,6 +183,12 @@ struct NewJob {
   UpsampleOptions options;
   std::vector<RenderRecord> renders;
   std::string depth_from;  // id of a job that has this depth already; empty: compute it
+  // Set: the job computes the scene flow of the recording as it is, which must have depth for every colour frame. Of
+  // `options` only `threads` means something then, and there are neither renders nor depth to take over.
+  std::optional<SceneFlowOptions> scene_flow_options;
+
+  // InvalidArgument with field, value and rule.
+  absl::Status Validate() const;
 };
 
 struct JobRecord {
@@ -181,6 +199,7 @@ struct JobRecord {
   UpsampleOptions options;
   std::vector<RenderRecord> renders;
   std::string depth_from;
+  std::optional<SceneFlowOptions> scene_flow_options;
   Recording recording;  // of the sequence when the job was made: it may be deleted later
   JobState state = JobState::kQueued;
   int attempt = 1;

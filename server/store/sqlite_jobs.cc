@@ -17,7 +17,8 @@ constexpr char kJobColumns[] =
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, "
     "interval_seconds, depth_from, preset, without, self_check, self_check_result, causal, clock, clock_estimate, "
-    "scene_flow, (SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM "
+    "scene_flow, scene_flow_options, (SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number "
+    "< jobs.number) FROM "
     "jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
@@ -50,8 +51,11 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(29);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(30);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
+  if (!row.IsNull(29)) {
+    ASSIGN_OR_RETURN(job.scene_flow_options, SceneFlowOptionsFromJson(row.Text(29)));
+  }
   if (!row.IsNull(24)) {
     ASSIGN_OR_RETURN(job.self_check, SelfCheckFromJson(row.Text(24)));
   }
@@ -72,6 +76,7 @@ std::string Fingerprint(const NewJob& job) {
   if (job.options.clock != UpsampleOptions().clock) hash.Update("\nclock " + job.options.clock);
   if (job.options.self_check) hash.Update("\nself_check");
   if (job.options.scene_flow) hash.Update("\nscene_flow");
+  if (job.scene_flow_options) hash.Update("\nscene_flow_options " + ToJson(*job.scene_flow_options));
   if (!job.depth_from.empty()) hash.Update(absl::StrCat("\ndepth_from ", job.depth_from));
   for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
   return Hex(hash.Finish());
@@ -120,6 +125,10 @@ absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
     return WrongState(ToString(from.state), absl::StrCat(name, " is ", std::string(ToString(from.state)),
                                                          ", must be SUCCEEDED before its depth can be taken over"));
   }
+  if (from.scene_flow_options) {
+    return BadField("job.depth_from",
+                    absl::StrCat("job.depth_from = ", name, " has scene flow and no depth to take over"));
+  }
   if (from.sequence_id != job.sequence_id || from.options.method != job.options.method ||
       from.options.key_every != job.options.key_every || from.options.preset != job.options.preset ||
       from.options.without != job.options.without || from.options.causal != job.options.causal ||
@@ -146,7 +155,7 @@ absl::Status SqliteStore::EndJob(int64_t number, JobState state, const absl::Sta
 
 absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) {
   RETURN_IF_ERROR(CheckText("job.display_name", job.display_name, limits_.max_display_name_bytes));
-  RETURN_IF_ERROR(job.options.Validate());
+  RETURN_IF_ERROR(job.Validate());
   const std::string fingerprint = Fingerprint(job);
   return Transact([&]() -> absl::StatusOr<JobRecord> {
     ASSIGN_OR_RETURN(const std::optional<std::string> made, MadeBefore(kJobScope, request_id, fingerprint));
@@ -178,6 +187,7 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
                        .options = job.options,
                        .renders = job.renders,
                        .depth_from = job.depth_from,
+                       .scene_flow_options = job.scene_flow_options,
                        .recording = *sequence.validation.recording,
                        .create_time = now,
                        .start_time = absl::InfiniteFuture(),
@@ -187,13 +197,13 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
-        "create_time_us, depth_from, preset, without, self_check, self_check_result, causal, clock, scene_flow) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "create_time_us, depth_from, preset, without, self_check, self_check_result, causal, clock, scene_flow, "
+        "scene_flow_options) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
          job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
          job.options.preset, absl::StrJoin(job.options.without, ","), job.options.self_check,
          self_check ? SqlValue(ToJson(*self_check)) : nullptr, job.options.causal, job.options.clock,
-         job.options.scene_flow}));
+         job.options.scene_flow, job.scene_flow_options ? SqlValue(ToJson(*job.scene_flow_options)) : nullptr}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(

@@ -53,6 +53,11 @@ TEST(DescribeProgress, SaysWhatWasMeasuredAndNoMore) {
   EXPECT_EQ(DescribeProgress(job), "frame 17 of 66, interval 2 of 8, flow, 0:04 left");
   job.set_state(v1::Job::STATE_SUCCEEDED);
   EXPECT_EQ(DescribeProgress(job), "succeeded, 17 frames");
+  job.mutable_scene_flow_options();
+  EXPECT_EQ(DescribeProgress(job), "succeeded, 17 pairs of frames");
+  job.set_state(v1::Job::STATE_RUNNING);
+  job.mutable_progress()->clear_eta();
+  EXPECT_EQ(DescribeProgress(job), "pair 17 of 66, flow");
 }
 
 // The columns are those of `depthtween-core upsample --self-check`; control characters of a server's text are not

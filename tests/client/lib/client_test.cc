@@ -259,6 +259,19 @@ TEST_F(FetchTest, RefusesNamesThatLeadOutOfTheFolder) {
   server_.outputs.stems = {"../../escaped", "b", "c"};
   EXPECT_TRUE(absl::IsDataLoss(Fetch().status()));
   EXPECT_FALSE(folder_.Has("escaped.png"));
+  server_.outputs.stems.clear();
+  for (const std::string escaped : {"../escaped", "/escaped", "a//b", "a/.."}) {
+    server_.outputs.frame_folder = escaped;
+    EXPECT_TRUE(absl::IsDataLoss(Fetch({.replace = true}).status())) << escaped;
+  }
+}
+
+TEST_F(FetchTest, FramesGoIntoTheFolderThatTheServerNames) {
+  server_.outputs.frame_folder = "kitti/flow";
+  const auto summary = Fetch();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_TRUE(summary->complete);
+  EXPECT_EQ(folder_.Read("out/kitti/flow/frame2.png"), server_.outputs.frames[2]);
 }
 
 }  // namespace

@@ -177,6 +177,7 @@ class FakeOutputs : public v1::OutputService::Service {
     v1::Output& depth = *answer->add_outputs();
     depth.set_name(request->parent() + "/outputs/depth");
     depth.set_kind(v1::Output::KIND_FRAMES);
+    depth.set_file_name(frame_folder);
     depth.set_frames_ready(frames_ready);
     depth.set_frame_count(static_cast<int>(frames.size()));
     v1::Output& report = *answer->add_outputs();
@@ -223,6 +224,7 @@ class FakeOutputs : public v1::OutputService::Service {
 
   static constexpr size_t kChunk = 16;
   std::vector<std::string> frames;
+  std::string frame_folder;        // empty: as an earlier server
   std::vector<std::string> stems;  // empty: frame0, frame1, ...
   int frames_ready = 0;
   std::string report = "{\"frames\": 3}";

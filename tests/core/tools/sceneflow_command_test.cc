@@ -77,6 +77,42 @@ TEST(SceneFlowCommand, WritesEveryFormat) {
   EXPECT_FALSE(!(error <= 0.1 * still)) << error << " against " << still;
 }
 
+// As a server runs it: pairs in any order and batch, each by a process of its own; files as of the command.
+TEST(SceneFlowCommand, TasksGiveTheSameFiles) {
+  const ScratchFolder scratch;
+  WriteRecording(scratch / "in", 60);
+  ASSERT_EQ(RunTool({"sceneflow", scratch / "in", "-o", scratch / "whole", "--format", "npz,flo"}).exit_code, 0);
+  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"threads": 2, "sceneflow": {"formats": ["npz", "flo"]}})").ok());
+  const auto task = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "task");
+    for (const std::string& word : {std::string("--sequence"), scratch / "in", std::string("--options"),
+                                    scratch / "options.json", std::string("--constants"), scratch / "plan.json"})
+      arguments.push_back(word);
+    return RunTool(arguments);
+  };
+  ASSERT_EQ(task({"prepare"}).exit_code, 0);
+  const nlohmann::json plan = nlohmann::json::parse(*ReadFile(scratch / "plan.json"));
+  ASSERT_EQ(plan["intervals"].size(), 2U);
+  EXPECT_EQ(plan["frames"][1]["stem"], "000001");
+  EXPECT_EQ(task({"intervals", "--first", "2", "--count", "1", "--out", scratch / "parts"}).exit_code, 1);
+  for (const char* first : {"1", "0"})
+    ASSERT_EQ(task({"intervals", "--first", first, "--count", "1", "--out", scratch / "parts"}).exit_code, 0);
+  const ToolResult assembled = task({"assemble", "--out", scratch / "parts"});
+  ASSERT_EQ(assembled.exit_code, 0) << assembled.err;
+  for (const std::string file :
+       {"sceneflow/000000.npz", "sceneflow/000001.npz", "flow/000001.flo", "depth_change/000000.pfm", "preview.png"})
+    EXPECT_EQ(*ReadFile(scratch / ("parts/" + file)), *ReadFile(scratch / ("whole/" + file))) << file;
+  const nlohmann::json report = nlohmann::json::parse(*ReadFile(scratch / "parts/report.json"));
+  EXPECT_EQ(report["pairs"][1]["from"], "rgb/000001.jpg");
+
+  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"sceneflow": {"every": 3}})").ok());
+  const ToolResult too_few = task({"prepare"});
+  EXPECT_EQ(too_few.exit_code, 1);
+  EXPECT_THAT(too_few.err, HasSubstr("has 3 colour frames, must have at least 4"));
+  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"sceneflow": {"luck": 3}})").ok());
+  EXPECT_THAT(task({"prepare"}).err, HasSubstr("sceneflow.luck"));
+}
+
 // Depth at half the rate: the refusal names the frames without depth and the mend; nothing is written.
 TEST(SceneFlowCommand, NamesFramesWithoutDepth) {
   const ScratchFolder scratch;

@@ -18,8 +18,9 @@
 //   no_check           self-check says that nothing can be measured
 // It appends "start PID\n", "check 1\n", "interval I\n" and "render I\n" to the file "log" of the sequence folder.
 //
-// Of renders it knows the name alone: one picture a frame with the name and the frame's number in it, a video if the
-// options speak of a container, and an error for one that is called "bad".
+// Of scene flow it knows the formats npz and kitti, and writes both. Of renders it knows the name alone: one picture a
+// frame with the name and the frame's number in it, a video if the options speak of a container, and an error for one
+// that is called "bad".
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/stat.h>
@@ -28,6 +29,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <sstream>
@@ -147,10 +149,15 @@ void ComputeInterval(int interval) {
   }
   Tell(R"({"stage":"flow","interval":)" + std::to_string(interval) + "}");
   if (!Says("lie_at", interval)) {
-    for (const char* output : {"depth", "uncertainty", "provenance"}) {
-      mkdir((out + "/" + output).c_str(), 0755);
+    const bool scene_flow = ReadFile(options["--options"]).find(R"("sceneflow")") != std::string::npos;
+    const std::map<std::string, std::string> upsampled = {
+        {"depth", ".png"}, {"uncertainty", ".png"}, {"provenance", ".png"}};
+    const std::map<std::string, std::string> moved = {
+        {"sceneflow", ".npz"}, {"kitti/flow", ".png"}, {"kitti/disp_0", ".png"}, {"kitti/disp_1", ".png"}};
+    for (const auto& [output, extension] : scene_flow ? moved : upsampled) {
+      std::filesystem::create_directories(out + "/" + output);
       for (int frame = 2 * interval; frame < 2 * interval + 2; ++frame) {
-        WriteFile(out + "/" + output + "/" + Stem(frame) + ".png", std::string(output) + " " + std::to_string(frame));
+        WriteFile(out + "/" + output + "/" + Stem(frame) + extension, output + " " + std::to_string(frame));
       }
     }
   }
@@ -286,6 +293,7 @@ int main(int argc, char** argv) {
     const bool checked = options.count("--self-check") > 0;
     WriteFile(out + "/report.json",
               ReadFile(options["--options"]) + (checked ? ReadFile(options["--self-check"]) : ""));
+    WriteFile(out + "/preview.png", "preview");
     WriteFile(out + "/depth.txt", "");
     WriteFile(out + "/camera.json", "{}");
   }

@@ -436,6 +436,28 @@ TEST_F(JobManagerTest, SceneFlowIsThereWhenTheJobHasSucceeded) {
   EXPECT_EQ(Frame(job, "sceneflow", "000004"), "scene flow 4");
 }
 
+// Frames and intervals as of an upsampling, under other names, some in a folder of folders; no depth, so no pictures.
+TEST_F(JobManagerTest, SceneFlowJobResumesAndHasNoDepth) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 1");
+  const NewJob order = {.sequence_id = sequence, .scene_flow_options = {{.formats = {"npz", "kitti"}, .every = 2}}};
+  const std::string job = Take(jobs_->Create(order, "", false)).record.id;
+  WaitUntil([&] { return View(job).record.frames_done == 2; });
+  EXPECT_THAT(jobs_->RenderFrame(job, {.options = kDof}, nullptr),
+              HasReason(absl::StatusCode::kFailedPrecondition, "NO_DEPTH"));
+  Close();
+  OpenStores(folder_ / "data");
+  Go(sequence);
+  StartJobs();
+  ASSERT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
+  EXPECT_THAT(SortedIntervals(sequence), ElementsAre(0, 1, 2)) << "what was finished is not computed again";
+  EXPECT_EQ(Frame(job, "sceneflow", "000005"), "sceneflow 5");
+  EXPECT_EQ(Frame(job, "kitti-disp_1", "000000"), "kitti/disp_1 0");
+  EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "preview"))), "preview");
+  EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
+            R"({"sceneflow":{"baseline_m":0.1,"every":2,"formats":["npz","kitti"],"method":"ours"},"threads":1})");
+}
+
 // The answer of an errand, once it is there.
 absl::StatusOr<std::string> Answer(Errand& errand) {
   std::optional<absl::StatusOr<std::string>> answer;

@@ -43,6 +43,8 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
             R"({"causal":true,"clock":"4,300","key_every":1,"method":"ours","preset":"fast","scene_flow":false,)"
             R"("self_check":true,"threads":0,"without":["draw"]})");
   EXPECT_NE(OptionsJson({.scene_flow = true}).find(R"("scene_flow":true)"), std::string::npos);
+  EXPECT_EQ(SceneFlowJson({.method = "pd-flow", .formats = {"npz", "flo"}, .every = 2, .baseline_m = 0.5}, 3),
+            R"({"sceneflow":{"baseline_m":0.5,"every":2,"formats":["npz","flo"],"method":"pd-flow"},"threads":3})");
   EXPECT_EQ(OptionsJson({.method = "hold", .key_every = 3, .threads = 2}),
             R"({"clock":"stamps","key_every":3,"method":"hold","threads":2})");
 }

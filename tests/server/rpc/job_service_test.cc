@@ -168,6 +168,38 @@ TEST_F(JobServiceTest, BadRequestsNameTheirField) {
   }
 }
 
+TEST_F(JobServiceTest, SceneFlowIsAJobOfItsOwn) {
+  const v1::Sequence sequence = ReadySequence();
+  v1::CreateJobRequest request = Request(sequence.name());
+  v1::SceneFlowOptions& options = *request.mutable_job()->mutable_scene_flow_options();
+  v1::Job job;
+  ASSERT_THAT(Create(request, &job), Succeeds());
+  EXPECT_EQ(job.scene_flow_options().method(), v1::SceneFlowOptions::METHOD_OURS);
+  EXPECT_THAT(job.scene_flow_options().formats(), testing::ElementsAre(v1::SceneFlowOptions::FORMAT_NPZ));
+  EXPECT_EQ(job.scene_flow_options().every(), 1);
+  EXPECT_EQ(job.scene_flow_options().baseline_m(), 0.1);
+  EXPECT_EQ(WaitUntilEnded(job.name()).state(), v1::Job::STATE_SUCCEEDED);
+
+  options.set_method(static_cast<v1::SceneFlowOptions::Method>(77));
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.scene_flow_options.method"));
+  options.set_method(v1::SceneFlowOptions::METHOD_PD_FLOW);
+  options.add_formats(v1::SceneFlowOptions::FORMAT_UNSPECIFIED);
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.scene_flow_options.formats"));
+  options.set_formats(0, v1::SceneFlowOptions::FORMAT_KITTI);
+  options.set_every(-1);
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.scene_flow_options.every"));
+  options.set_every(2);
+  options.set_baseline_m(-1);
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.scene_flow_options.baseline_m"));
+  options.set_baseline_m(0.54);
+  request.mutable_job()->mutable_options()->set_key_every(2);
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.key_every"));
+  request.mutable_job()->mutable_options()->set_key_every(0);
+  ASSERT_THAT(Create(request, &job), Succeeds());
+  EXPECT_EQ(job.scene_flow_options().method(), v1::SceneFlowOptions::METHOD_PD_FLOW);
+  EXPECT_EQ(job.scene_flow_options().formats_size(), 2);
+}
+
 // Every value of the enums is one that core knows, and none is missing.
 TEST(JobOptions, EnumsNameWhatCoreKnows) {
   std::set<std::string> methods, presets;
@@ -182,6 +214,19 @@ TEST(JobOptions, EnumsNameWhatCoreKnows) {
     options.set_preset(static_cast<v1::UpsampleOptions::Preset>(preset->value(i)->number()));
     presets.insert(Take(Decode(options)).preset);
   }
+  std::set<std::string> flows, formats;
+  v1::SceneFlowOptions scene_flow;
+  method = v1::SceneFlowOptions::Method_descriptor();
+  for (int i = 0; i < method->value_count(); ++i) {
+    scene_flow.set_method(static_cast<v1::SceneFlowOptions::Method>(method->value(i)->number()));
+    flows.insert(Take(Decode(scene_flow)).method);
+  }
+  const auto* format = v1::SceneFlowOptions::Format_descriptor();
+  for (int i = 1; i < format->value_count(); ++i) {
+    scene_flow.add_formats(static_cast<v1::SceneFlowOptions::Format>(format->value(i)->number()));
+  }
+  EXPECT_THAT(flows, testing::UnorderedElementsAreArray(SceneFlowMethods()));
+  EXPECT_THAT(Take(Decode(scene_flow)).formats, testing::ElementsAreArray(SceneFlowFormats()));
   EXPECT_THAT(methods, testing::UnorderedElementsAreArray(UpsampleMethods()));
   EXPECT_THAT(presets, testing::UnorderedElementsAreArray(PresetNames()));
 }

@@ -171,6 +171,49 @@ TEST_F(OutputServiceTest, SceneFlowLeavesWhenTheJobHasSucceeded) {
   EXPECT_EQ(listed().frames_ready(), 6);
 }
 
+// What a job of scene flow offers, and that a frame of it leaves as it is stored.
+TEST_F(OutputServiceTest, SceneFlowJobsOfferTheirFormats) {
+  v1::CreateJobRequest order;
+  order.mutable_job()->set_sequence(ReadySequence().name());
+  order.mutable_job()->mutable_scene_flow_options()->add_formats(v1::SceneFlowOptions::FORMAT_KITTI);
+  grpc::ClientContext create_context, list_context, stream_context;
+  v1::Job job;
+  ASSERT_THAT(jobs_stub().CreateJob(&create_context, order, &job), Succeeds());
+  ASSERT_EQ(WaitUntilEnded(job.name()).state(), v1::Job::STATE_SUCCEEDED);
+  v1::ListOutputsRequest request;
+  request.set_parent(job.name());
+  v1::ListOutputsResponse response;
+  ASSERT_THAT(outputs_stub().ListOutputs(&list_context, request, &response), Succeeds());
+  std::vector<std::string> places;
+  for (const v1::Output& output : response.outputs()) {
+    places.push_back(output.file_name());
+    if (output.kind() == v1::Output::KIND_FRAMES) {
+      EXPECT_EQ(output.frames_ready(), 6) << output.name();
+    } else {
+      EXPECT_TRUE(output.ready()) << output.name();
+    }
+  }
+  EXPECT_THAT(places, testing::ElementsAre("sceneflow", "kitti/flow", "kitti/disp_0", "kitti/disp_1", "report.json",
+                                           "preview.png"));
+  v1::StreamFramesRequest stream;
+  stream.set_name(job.name() + "/outputs/kitti-flow");
+  const auto reader = outputs_stub().StreamFrames(&stream_context, stream);
+  v1::FrameChunk chunk;
+  ASSERT_TRUE(reader->Read(&chunk));
+  EXPECT_EQ(chunk.header().encoding(), v1::ENCODING_PNG);
+  EXPECT_EQ(chunk.data(), "kitti/flow 0");
+}
+
+TEST(FrameEncoding, SceneFlowLeavesAsItIsStored) {
+  const auto encodings = [](const std::string& extension) {
+    return EncodingsOf({.kind = OutputKind::kSceneFlow, .extension = extension});
+  };
+  EXPECT_THAT(encodings("npz"), testing::ElementsAre(v1::ENCODING_NPZ));
+  EXPECT_THAT(encodings("flo"), testing::ElementsAre(v1::ENCODING_FLO));
+  EXPECT_THAT(encodings("pfm"), testing::ElementsAre(v1::ENCODING_PFM));
+  EXPECT_THAT(encodings("png"), testing::ElementsAre(v1::ENCODING_PNG));
+}
+
 // PNG is the stored file byte for byte, in as many chunks as it takes.
 TEST_F(OutputServiceTest, StreamsStoredFilesInChunks) {
   const v1::Job job = SucceededJob();

@@ -111,6 +111,7 @@ TEST(SqliteStore, JobsFromBeforeClocksGoOn) {
   EXPECT_EQ(job.options.clock, "stamps");
   EXPECT_FALSE(job.options.causal);
   EXPECT_FALSE(job.options.scene_flow);
+  EXPECT_FALSE(job.scene_flow_options.has_value());
   EXPECT_FALSE(job.clock_estimate.has_value());
   EXPECT_TRUE(job.options.self_check);
   EXPECT_EQ(job.self_check->reason, "too short");

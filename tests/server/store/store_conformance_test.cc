@@ -715,6 +715,56 @@ TEST_P(StoreConformance, SceneFlowIsPartOfTheOrder) {
   }
 }
 
+TEST_P(StoreConformance, SceneFlowJobsSurviveReopening) {
+  const std::string sequence = ReadySequence().id;
+  const SceneFlowOptions asked = {.method = "pd-flow", .formats = {"npz", "flo"}, .every = 3, .baseline_m = 0.54};
+  const NewJob order = {.sequence_id = sequence, .options = {.threads = 2}, .scene_flow_options = asked};
+  const JobRecord checked = Take(store().CreateJob(order, "", true));
+  EXPECT_TRUE(checked.scene_flow_options.has_value());
+  const std::string id = Take(store().CreateJob(order, "r", false)).id;
+  NewJob other = order;
+  other.scene_flow_options->every = 4;
+  EXPECT_THAT(store().CreateJob(other, "r", false),
+              HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+  Open();
+  const JobRecord job = Job(id);
+  ASSERT_TRUE(job.scene_flow_options.has_value());
+  EXPECT_EQ(job.scene_flow_options->method, asked.method);
+  EXPECT_EQ(job.scene_flow_options->formats, asked.formats);
+  EXPECT_EQ(job.scene_flow_options->every, asked.every);
+  EXPECT_EQ(job.scene_flow_options->baseline_m, asked.baseline_m);
+  EXPECT_FALSE(Job(Take(store().CreateJob({.sequence_id = sequence}, "", false)).id).scene_flow_options.has_value());
+}
+
+// Each breaks one rule: of the options themselves, or that nothing of an upsampling goes with them.
+TEST_P(StoreConformance, SceneFlowOptionsAreChecked) {
+  const NewJob good = {.sequence_id = ReadySequence().id, .scene_flow_options = SceneFlowOptions()};
+  EXPECT_THAT(store().CreateJob(good, "", true), IsOk());
+  const std::vector<std::function<void(NewJob&)>> faults = {
+      [](NewJob& job) { job.scene_flow_options->method = "luck"; },
+      [](NewJob& job) { job.scene_flow_options->formats = {"flo"}; },
+      [](NewJob& job) {
+        job.scene_flow_options->formats = {"npz", "exr"};
+      },
+      [](NewJob& job) { job.scene_flow_options->every = 0; },
+      [](NewJob& job) { job.scene_flow_options->baseline_m = std::nan(""); },
+      [](NewJob& job) { job.options.method = "hold"; },
+      [](NewJob& job) { job.options.key_every = 2; },
+      [](NewJob& job) { job.options.clock = "index"; },
+      [](NewJob& job) { job.options.preset = "best"; },
+      [](NewJob& job) { job.options.without = {"draw"}; },
+      [](NewJob& job) { job.options.causal = true; },
+      [](NewJob& job) { job.options.self_check = true; },
+      [](NewJob& job) { job.options.scene_flow = true; },
+      [](NewJob& job) { job.renders = {{.options = "{}"}}; },
+      [](NewJob& job) { job.depth_from = "0123456789abcdef"; }};
+  for (size_t i = 0; i < faults.size(); ++i) {
+    NewJob job = good;
+    faults[i](job);
+    EXPECT_THAT(store().CreateJob(job, "", true), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD")) << i;
+  }
+}
+
 // ---- renders ----
 
 RenderRecord RenderOf(const std::string& name, int reach_frames, int anchor_frame = -1) {

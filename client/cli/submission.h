@@ -1,0 +1,32 @@
+// What every command does that uploads a recording and orders a job on it.
+#ifndef DEPTHTWEEN_CLIENT_CLI_SUBMISSION_H_
+#define DEPTHTWEEN_CLIENT_CLI_SUBMISSION_H_
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "client/cli/common.h"
+#include "depthtween/v1/job.pb.h"
+
+namespace depthtween::cli {
+
+struct SubmissionOptions {
+  CommonOptions common;
+  std::string sequence;
+  std::string output;  // empty: nothing is fetched
+  bool force = false;
+  bool wait = false;
+  int threads = 0;
+};
+
+// Adds them to a subcommand. `options` must outlive the parsing.
+void AddSubmissionOptions(CLI::App& command, SubmissionOptions& options);
+
+// Uploads what the server lacks, orders the job - `order` without name and sequence - and, if that is asked for, waits
+// for it and fetches its result. An `order` that is an error is reported before anything is done. Prints what came of
+// it and returns the exit code.
+int RunSubmission(const SubmissionOptions& options, absl::StatusOr<v1::Job> order);
+
+}  // namespace depthtween::cli
+
+#endif  // DEPTHTWEEN_CLIENT_CLI_SUBMISSION_H_
