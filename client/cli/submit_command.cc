@@ -14,13 +14,15 @@ using Method = v1::UpsampleOptions::Method;
 
 // As `depthtween-core upsample` names them.
 const std::map<std::string, Method> kMethods = {
-    {"ours", v1::UpsampleOptions::METHOD_OURS},          {"hold", v1::UpsampleOptions::METHOD_HOLD},
-    {"nearest", v1::UpsampleOptions::METHOD_NEAREST},    {"linear", v1::UpsampleOptions::METHOD_LINEAR},
-    {"dolson", v1::UpsampleOptions::METHOD_DOLSON},      {"dolson-mode", v1::UpsampleOptions::METHOD_DOLSON_MODE},
-    {"flow-warp", v1::UpsampleOptions::METHOD_FLOW_WARP}};
-const std::map<std::string, v1::UpsampleOptions::Preset> kPresets = {{"fast", v1::UpsampleOptions::PRESET_FAST},
-                                                                     {"balanced", v1::UpsampleOptions::PRESET_BALANCED},
-                                                                     {"best", v1::UpsampleOptions::PRESET_BEST}};
+    {"ours", v1::UpsampleOptions::METHOD_OURS},         {"hold", v1::UpsampleOptions::METHOD_HOLD},
+    {"nearest", v1::UpsampleOptions::METHOD_NEAREST},   {"linear", v1::UpsampleOptions::METHOD_LINEAR},
+    {"dolson", v1::UpsampleOptions::METHOD_DOLSON},     {"dolson-mode", v1::UpsampleOptions::METHOD_DOLSON_MODE},
+    {"tracking", v1::UpsampleOptions::METHOD_TRACKING}, {"flow-warp", v1::UpsampleOptions::METHOD_FLOW_WARP}};
+const std::map<std::string, v1::UpsampleOptions::Preset> kPresets = {
+    {"fast", v1::UpsampleOptions::PRESET_FAST},
+    {"balanced", v1::UpsampleOptions::PRESET_BALANCED},
+    {"best", v1::UpsampleOptions::PRESET_BEST},
+    {"reference", v1::UpsampleOptions::PRESET_REFERENCE}};
 
 struct SubmitOptions {
   SubmissionOptions submission;
@@ -60,7 +62,9 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
   AddSubmissionOptions(*command, options->submission);
   std::vector<std::string> methods;
   for (const auto& [name, method] : kMethods) methods.push_back(name);
-  command->add_option("--method", options->method, "How: ours, hold, nearest, linear, dolson, dolson-mode, flow-warp")
+  command
+      ->add_option("--method", options->method,
+                   "How: ours, hold, nearest, linear, dolson, dolson-mode, tracking, flow-warp")
       ->type_name("NAME")
       ->check(CLI::IsMember(methods))
       ->capture_default_str();
@@ -70,14 +74,17 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str();
   std::vector<std::string> presets;
   for (const auto& [name, preset] : kPresets) presets.push_back(name);
-  command->add_option("--preset", options->preset, "What accuracy may cost, for method ours: fast, balanced, best")
+  command
+      ->add_option("--preset", options->preset,
+                   "What accuracy may cost, for method ours: fast, balanced, best, reference")
       ->type_name("NAME")
       ->check(CLI::IsMember(presets))
       ->capture_default_str();
   command
       ->add_option("--without", options->without,
-                   "Leave stages of method ours out, to learn what each is worth: settle, draw, propagation, median, "
-                   "witnesses, silhouettes; names with commas between them")
+                   "Leave stages of method ours out, to learn what each is worth: settle, draw, solve, propagation, "
+                   "median, witnesses, silhouettes; of the solve opti, point, plane, proj, rigid, reg, short, "
+                   "occlusion, topology; names with commas between them")
       ->delimiter(',')
       ->type_name("NAMES");
   command->add_flag(

@@ -5,6 +5,7 @@
 #include "core/baselines/dolson.h"
 #include "core/baselines/flow_warp.h"
 #include "core/baselines/per_pixel.h"
+#include "core/baselines/tracking.h"
 
 namespace depthtween {
 
@@ -19,6 +20,7 @@ absl::StatusOr<std::unique_ptr<Upsampler>> MakeBaseline(std::string_view name) {
   if (name == "linear") return std::make_unique<PerPixelBaseline>("linear", LinearPixel);
   if (name == "dolson") return std::make_unique<DolsonBaseline>(DolsonOptions{});
   if (name == "dolson-mode") return std::make_unique<DolsonBaseline>(DolsonOptions{.seek_mode = true});
+  if (name == "tracking") return std::make_unique<TrackingBaseline>();
   if (name == "flow-warp") return std::make_unique<FlowWarpBaseline>();
   return absl::InvalidArgumentError(absl::StrFormat("baseline '%s' is not known: the baselines are %s",
                                                     std::string(name), absl::StrJoin(BaselineNames(), ", ")));

@@ -4,8 +4,8 @@
 //   nearest    the key nearer in time; the earlier one when both are as near
 //   linear     per pixel in time; the known one where one is unknown
 //   dolson, dolson-mode  Gaussian filter in position, colour and time, and its mode-seeking variant (dolson.h): seconds
-//   a
-//                        frame, where the others take milliseconds
+//              a frame, where the others take milliseconds
+//   tracking   surfaces tracked from depth alone (tracking.h): seconds an interval
 //   flow-warp  both keys sampled along dense colour flow and blended (flow_warp.cc)
 //
 // Frames before the first and after the last key hold that key. Each frame is answered on its own, so Run also takes a

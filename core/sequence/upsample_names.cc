@@ -13,18 +13,19 @@ const std::vector<std::string>& UpsampleMethods() {
 
 const std::vector<std::string>& BaselineNames() {
   static const auto* const kNames =
-      new std::vector<std::string>{"hold", "nearest", "linear", "dolson", "dolson-mode", "flow-warp"};
+      new std::vector<std::string>{"hold", "nearest", "linear", "dolson", "dolson-mode", "tracking", "flow-warp"};
   return *kNames;
 }
 
 const std::vector<std::string>& PresetNames() {
-  static const auto* const kNames = new std::vector<std::string>{"fast", "balanced", "best"};
+  static const auto* const kNames = new std::vector<std::string>{"fast", "balanced", "best", "reference"};
   return *kNames;
 }
 
 const std::vector<std::string>& PartNames() {
-  static const auto* const kNames =
-      new std::vector<std::string>{"settle", "draw", "propagation", "median", "witnesses", "silhouettes"};
+  static const auto* const kNames = new std::vector<std::string>{
+      "settle", "draw",  "solve", "propagation", "median", "witnesses", "silhouettes", "opti",
+      "point",  "plane", "proj",  "rigid",       "reg",    "short",     "occlusion",   "topology"};
   return *kNames;
 }
 

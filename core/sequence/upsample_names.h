@@ -13,10 +13,12 @@ const std::vector<std::string>& UpsampleMethods();
 // All baselines, in the order that tables show them. MakeBaseline (core/baselines) knows each.
 const std::vector<std::string>& BaselineNames();
 
-// Of method "ours": from the fastest to the most accurate, "fast", "balanced" (the default), "best".
+// Of method "ours": from the fastest on, "fast", "balanced" (the default), "best"; "reference" solves as the paper
+// does, to compare with.
 // PipelineOptions::ForPreset (core/upsample) knows each.
 const std::vector<std::string>& PresetNames();
-// The stages of method "ours" that one can do without. PipelineOptions::SwitchOff knows each.
+// The stages of method "ours" that one can do without, and the terms and detectors of its joint optimisation.
+// PipelineOptions::SwitchOff knows each.
 const std::vector<std::string>& PartNames();
 
 // More threads than this nobody may ask for, locally or of a server.

@@ -1,7 +1,9 @@
 #include "core/solve/solve.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -43,11 +45,32 @@ absl::Status Check(const SolveProblem& problem, const SolveOptions& options) {
   return absl::OkStatus();
 }
 
+struct SolvePart {
+  std::string_view name;
+  float TermWeights::*weight;    // of a term, ...
+  bool SolveOptions::*detector;  // ... else null
+};
+constexpr SolvePart kSolveParts[] = {
+    {"opti", &TermWeights::opti, nullptr},         {"point", &TermWeights::point, nullptr},
+    {"plane", &TermWeights::plane, nullptr},       {"proj", &TermWeights::proj, nullptr},
+    {"rigid", &TermWeights::rigid, nullptr},       {"reg", &TermWeights::reg, nullptr},
+    {"short", &TermWeights::shortest, nullptr},    {"occlusion", nullptr, &SolveOptions::occlusion},
+    {"topology", nullptr, &SolveOptions::topology}};
+
+const SolvePart* FindSolvePart(std::string_view name) {
+  const auto* const part =
+      std::find_if(std::begin(kSolveParts), std::end(kSolveParts), [&](const SolvePart& p) { return p.name == name; });
+  return part == std::end(kSolveParts) ? nullptr : part;
+}
+
 }  // namespace
 
 const std::vector<std::string>& SolvePartNames() {
-  static const auto* const kNames =
-      new std::vector<std::string>{"opti", "point", "plane", "proj", "rigid", "reg", "short", "occlusion", "topology"};
+  static const auto* const kNames = [] {
+    auto* const names = new std::vector<std::string>;
+    for (const SolvePart& part : kSolveParts) names->emplace_back(part.name);
+    return names;
+  }();
   return *kNames;
 }
 
@@ -59,28 +82,21 @@ SolveOptions SolveOptions::Reference() {
           .conjugate_iterations = 10};
 }
 
+bool SolveOptions::Uses(std::string_view part) const {
+  const SolvePart* const known = FindSolvePart(part);
+  if (known == nullptr) return false;
+  return known->detector != nullptr ? this->*known->detector : weights.*known->weight > 0;
+}
+
 absl::Status SolveOptions::SwitchOff(std::string_view part) {
-  if (part == "opti") {
-    weights.opti = 0;
-  } else if (part == "point") {
-    weights.point = 0;
-  } else if (part == "plane") {
-    weights.plane = 0;
-  } else if (part == "proj") {
-    weights.proj = 0;
-  } else if (part == "rigid") {
-    weights.rigid = 0;
-  } else if (part == "reg") {
-    weights.reg = 0;
-  } else if (part == "short") {
-    weights.shortest = 0;
-  } else if (part == "occlusion") {
-    occlusion = false;
-  } else if (part == "topology") {
-    topology = false;
-  } else {
+  const SolvePart* const known = FindSolvePart(part);
+  if (known == nullptr)
     return absl::InvalidArgumentError(absl::StrFormat("'%s' is no part of the solve: the parts are %s",
                                                       std::string(part), absl::StrJoin(SolvePartNames(), ", ")));
+  if (known->detector != nullptr) {
+    this->*known->detector = false;
+  } else {
+    weights.*known->weight = 0;
   }
   return absl::OkStatus();
 }

@@ -83,6 +83,8 @@ struct SolveOptions {
   // Switches a term or a detector off: opti, point, plane, proj, rigid, reg, short, occlusion, topology.
   // InvalidArgument lists them if `part` is none of them.
   absl::Status SwitchOff(std::string_view part);
+  // False for names that are no part.
+  bool Uses(std::string_view part) const;
   absl::Status Validate() const;
 };
 const std::vector<std::string>& SolvePartNames();

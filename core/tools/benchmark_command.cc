@@ -137,7 +137,8 @@ void AddBenchmarkCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option("--baselines", arguments->baselines,
                    "Of the table depth: " + absl::StrJoin(BaselineNames(), ", ") +
-                       "; quick ones, all (dolson and dolson-mode take seconds a frame), or none (then sceneflow too "
+                       "; quick ones, all (dolson and dolson-mode take seconds a frame, tracking an interval), or none "
+                       "(then sceneflow too "
                        "has ours alone)")
       ->delimiter(',')
       ->default_str(kQuick)

@@ -59,7 +59,8 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
       ->add_option("--baselines", arguments->baselines,
                    "Also compute these on the same inputs: names with commas between them of " +
                        absl::StrJoin(BaselineNames(), ", ") +
-                       "; 'all' of them (dolson and dolson-mode take seconds a frame); no name: the quick ones")
+                       "; 'all' of them (dolson and dolson-mode take seconds a frame, tracking an interval); no name: "
+                       "the quick ones")
       ->expected(0, 1)
       ->default_str(kQuickBaselines)
       ->type_name("[NAMES]");

@@ -37,10 +37,13 @@ std::vector<CLI::Option*> AddQualityFlags(CLI::App& command, UpsampleOptions& op
 }
 
 std::string PresetHelp() {
-  return "Presets, from the fastest to the most accurate:\n"
+  return "Presets, from the fastest on:\n"
          "  fast      motion at half resolution and fewer proposals: a first look; edges of moving things suffer\n"
          "  balanced  the default\n"
-         "  best      searches longer where frames are hard to match: takes longest, gains 0 to 2 % at edges\n";
+         "  best      searches longer where frames are hard to match: takes longer, gains 0 to 2 % at edges\n"
+         "  reference as best, and the depth maps' surfaces move by the paper's joint optimisation, in its schedule: "
+         "to\n"
+         "            compare with; takes several times as long as best and gains nothing more\n";
 }
 
 }  // namespace depthtween::tools

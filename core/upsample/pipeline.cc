@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <iterator>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -11,10 +12,10 @@
 #include "absl/strings/str_join.h"
 #include "core/fill/weighted_median.h"
 #include "core/flow/dense_flow.h"
-#include "core/raster/surface_raster.h"
 #include "core/upsample/causal.h"
 #include "core/upsample/choose.h"
 #include "core/upsample/fuse.h"
+#include "core/upsample/key_surface.h"
 #include "core/upsample/keys.h"
 #include "core/upsample/motion_options.h"
 #include "core/upsample/silhouettes.h"
@@ -26,8 +27,6 @@ namespace {
 // Over so few frames, and so few pixels in the mean, motion is small.
 constexpr int kNearFrames = 2;
 constexpr double kNearMotionPx = 4.0;
-// Surfaces are drawn from every second pixel: inside a layer motion is smooth, and a proposal need not know its edges.
-constexpr int kDrawStep = 2;
 // Mean length of the motions, from every fourth pixel in both directions.
 double MeanLength(const Image<Flow2>& flow) {
   double sum = 0, count = 0;
@@ -64,6 +63,7 @@ class IntervalRun {
       RETURN_IF_ERROR(stages_.Stage("flow", [&] { return FlowBetweenNeighbours(); }));
       RETURN_IF_ERROR(stages_.Stage("keys", [&] { return PrepareKeys(); }));
       RETURN_IF_ERROR(stages_.Stage("track", [&] { return FlowToKeys(); }));
+      RETURN_IF_ERROR(stages_.Stage("solve", [&] { return SolveMotion(); }));
       RETURN_IF_ERROR(stages_.Stage("draw", [&] { return DrawKeys(); }));
       RETURN_IF_ERROR(stages_.Stage("choose", [&] { return ChooseAndFuse(); }));
       RETURN_IF_ERROR(stages_.Stage("edges", [&] { return SettleEdges(); }));
@@ -179,54 +179,49 @@ class IntervalRun {
     });
   }
 
-  // Each key's surface moved to each frame and drawn there: a proposal that knows what hides what.
-  absl::Status DrawKeys() {
-    for (int side = 0; side < 2; ++side) drawn_[side].resize(window_.size());
+  // The way from one key to the other, at the stamps of the colour frames that the keys are seen in.
+  SolveProblem PathFrom(int side) const {
+    const auto seen = [&](int s) {
+      return SolveKey{keys_[s].depth_m, window_.color[KeyInWindow(s)], window_.luma[KeyInWindow(s)]};
+    };
+    SolveProblem path{.camera = source_.sequence().camera, .key = seen(side), .other = seen(1 - side), .noise = noise_};
+    const int key = KeyInWindow(side), other = KeyInWindow(1 - side), step = side == 0 ? 1 : -1;
+    const auto stamp = [&](int frame) {
+      return static_cast<double>(source_.sequence().color[window_.first + frame].time_ns);
+    };
+    for (int s = key; s != other; s += step) {
+      const int pair = std::min(s, s + step);
+      path.frames.push_back({.time = static_cast<float>((stamp(s + step) - stamp(key)) / (stamp(other) - stamp(key))),
+                             .luma = window_.luma[s + step],
+                             .forward = side == 0 ? forward_[pair] : backward_[pair],
+                             .back = side == 0 ? backward_[pair] : forward_[pair]});
+    }
+    return path;
+  }
+
+  absl::Status SolveMotion() {
     if (!options_.draw) return absl::OkStatus();
-    std::vector<Image<Flow2>> tracks[2];  // [side][frame of the window]: from the key
-    const int count = window_.size();
-    for (int side = 0; side < 2; ++side) tracks[side].resize(count);
-    RETURN_IF_ERROR(stages_.SideBySide(2, [&](int side) {
-      const int key = KeyInWindow(side);
-      const auto& color = window_.color[key];
-      tracks[side][key] = Image<Flow2>(color.width() / kDrawStep, color.height() / kDrawStep);
-      for (int s = key + 1; s < count; ++s) tracks[side][s] = Compose(tracks[side][s - 1], forward_[s - 1], kDrawStep);
-      for (int s = key - 1; s >= 0; --s) tracks[side][s] = Compose(tracks[side][s + 1], backward_[s], kDrawStep);
-      return absl::OkStatus();
-    }));
-    return stages_.SideBySide(2 * interval_.frame_count, [&](int i) {
-      const int side = i % 2, frame = FrameInWindow(i / 2);
-      drawn_[side][frame] = DrawnMotion(keys_[side], keys_[1 - side], tracks[side][frame],
-                                        tracks[side][KeyInWindow(1 - side)], side == 0 ? Tau(frame) : 1 - Tau(frame));
+    return stages_.SideBySide(2, [&](int side) -> absl::Status {
+      if (options_.solve) {
+        ASSIGN_OR_RETURN(surfaces_[side], KeySurface::Solved(PathFrom(side), options_.solver));
+      } else {
+        surfaces_[side] = KeySurface::AlongFlow(PathFrom(side));
+      }
       return absl::OkStatus();
     });
   }
 
-  // The motion target -> key that the key's surface shows where it lands. A point's position is its track's; its depth
-  // is linear in time (`tau`: 0 at its key, 1 at the other) towards the other key's depth at the end of the track, if
-  // that is its layer.
-  Image<Flow2> DrawnMotion(const Key& key, const Key& other, ImageView<const Flow2> to_frame,
-                           ImageView<const Flow2> to_other, float tau) const {
-    const int width = key.depth_m.width(), height = key.depth_m.height();
-    Image<Flow2> position(to_frame.width(), to_frame.height());
-    Image<float> depth(to_frame.width(), to_frame.height());
-    for (int j = 0; j < to_frame.height(); ++j)
-      for (int i = 0; i < to_frame.width(); ++i) {
-        const float x = static_cast<float>(i * kDrawStep), y = static_cast<float>(j * kDrawStep);
-        const Flow2 step = to_frame(i, j), end = to_other(i, j);
-        position(i, j) = {x + step.u, y + step.v};
-        const float z = key.depth_m(i * kDrawStep, j * kDrawStep);
-        const float z_end = SampleDepthInLayer(other.depth_m, x + end.u, y + end.v, noise_);
-        const bool same = z > 0 && z_end > 0 && std::abs(z_end - z) < kSameSurface * std::min(z, z_end);
-        depth(i, j) = same ? z + tau * (z_end - z) : z;
-      }
-    const DrawnSurface drawn = DrawSurface(position, depth, width, height, {.step = kDrawStep});
-    Image<Flow2> motion(width, height);
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x)
-        if (drawn.depth_m(x, y) > 0)
-          motion(x, y) = {drawn.source(x, y).u - static_cast<float>(x), drawn.source(x, y).v - static_cast<float>(y)};
-    return motion;
+  // Each key's surface as each frame sees it.
+  absl::Status DrawKeys() {
+    for (int side = 0; side < 2; ++side) drawn_[side].resize(window_.size());
+    if (!options_.draw) return absl::OkStatus();
+    RETURN_IF_ERROR(stages_.SideBySide(2 * interval_.frame_count, [&](int i) {
+      const int side = i % 2, frame = FrameInWindow(i / 2), steps = std::abs(frame - KeyInWindow(side));
+      if (steps > 0) drawn_[side][frame] = surfaces_[side]->MotionSeenIn(steps - 1);
+      return absl::OkStatus();
+    }));
+    for (std::optional<KeySurface>& surface : surfaces_) surface.reset();
+    return absl::OkStatus();
   }
 
   absl::Status ChooseAndFuse() {
@@ -381,9 +376,10 @@ class IntervalRun {
   Key keys_[2];
   std::vector<Image<Flow2>> forward_, backward_;                   // [i]: frame i <-> i + 1 of the window
   std::vector<Image<Flow2>> composed_[2], refined_[2], drawn_[2];  // [side][frame of the window]: to the key
-  std::vector<Choice> choices_;                                    // [frame of the interval]
-  std::vector<Fused> fused_;                                       // [frame of the interval]
-  std::vector<Image<float>> settled_;                              // [frame of the interval]: depth, metres
+  std::optional<KeySurface> surfaces_[2];
+  std::vector<Choice> choices_;        // [frame of the interval]
+  std::vector<Fused> fused_;           // [frame of the interval]
+  std::vector<Image<float>> settled_;  // [frame of the interval]: depth, metres
 };
 
 class Pipeline : public Upsampler {
@@ -401,7 +397,7 @@ class Pipeline : public Upsampler {
   const PipelineOptions options_;
 };
 
-// What PartNames() names.
+// What PartNames() names, but for the parts of the solve.
 struct Part {
   std::string_view name;
   bool (*used)(const PipelineOptions& options);
@@ -410,6 +406,7 @@ struct Part {
 constexpr Part kParts[] = {
     {"settle", [](const auto& o) { return o.settle; }, [](auto& o) { o.settle = false; }},
     {"draw", [](const auto& o) { return o.draw; }, [](auto& o) { o.draw = false; }},
+    {"solve", [](const auto& o) { return o.draw && o.solve; }, [](auto& o) { o.solve = false; }},
     {"propagation", [](const auto& o) { return o.sweeps > 0; }, [](auto& o) { o.sweeps = 0; }},
     {"median", [](const auto& o) { return o.median_radius > 0; }, [](auto& o) { o.median_radius = 0; }},
     {"witnesses", [](const auto& o) { return o.witnesses; }, [](auto& o) { o.witnesses = false; }},
@@ -428,17 +425,23 @@ absl::StatusOr<PipelineOptions> PipelineOptions::ForPreset(std::string_view name
     return PipelineOptions{.sweeps = 1, .silhouette_passes = 0, .flow_finest_scale = 1, .witnesses = false};
   if (name == "balanced") return PipelineOptions{};
   if (name == "best") return PipelineOptions{.sweeps = 3, .silhouette_passes = 4, .draw = true};
+  if (name == "reference") {
+    PipelineOptions options{.sweeps = 3, .silhouette_passes = 4, .draw = true, .solve = true};
+    options.solver = SolveOptions::Reference();
+    return options;
+  }
   return absl::InvalidArgumentError(absl::StrFormat("preset '%s' is not known: the presets are %s", std::string(name),
                                                     absl::StrJoin(PresetNames(), ", ")));
 }
 
 bool PipelineOptions::Uses(std::string_view part) const {
   const Part* const known = FindPart(part);
-  return known != nullptr && known->used(*this);
+  return known != nullptr ? known->used(*this) : draw && solve && solver.Uses(part);
 }
 
 absl::Status PipelineOptions::SwitchOff(std::string_view part) {
   const Part* const known = FindPart(part);
+  if (known == nullptr && solver.SwitchOff(part).ok()) return absl::OkStatus();
   if (known == nullptr)
     return absl::InvalidArgumentError(absl::StrFormat("'%s' cannot be switched off: the parts are %s",
                                                       std::string(part), absl::StrJoin(PartNames(), ", ")));
@@ -459,7 +462,7 @@ absl::Status PipelineOptions::Validate() const {
         "PipelineOptions.silhouette_weights is empty, must have a set for one pass at least");
   if (flow_finest_scale < 0 || flow_finest_scale > 5)
     return error("flow_finest_scale", flow_finest_scale, "between 0 and 5");
-  return absl::OkStatus();
+  return solver.Validate();
 }
 
 const std::vector<PipelineParameter>& PipelineParameters() {

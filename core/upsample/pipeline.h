@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "core/sequence/upsample_names.h"
+#include "core/solve/solve.h"
 #include "core/upsample/silhouettes.h"
 #include "core/upsample/upsampler.h"
 
@@ -30,8 +31,10 @@ struct PipelineOptions {
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
   // Stages that one can do without, to learn what each is worth.
-  bool settle = true;     // keys by the depth frames before and after them, where the scene stood still
-  bool draw = false;      // keys' surfaces moved and drawn as proposals: helps fast motion alone, so only "best" does
+  bool settle = true;  // keys by the depth frames before and after them, where the scene stood still
+  bool draw = false;   // keys' surfaces moved and drawn as proposals: helps fast motion alone, so only "best" does
+  bool solve = false;  // where they move to is solved for by all frames together; else composed flow says. Needs draw
+  SolveOptions solver;
   bool witnesses = true;  // the frames on either side vote in the median too
   // For fitting the weights of silhouettes: those of each pass, the last also of all passes after it, and a function
   // that receives what a pass looks at before it decides, called from several threads; it may be empty.
@@ -44,7 +47,8 @@ struct PipelineOptions {
 
   // InvalidArgument lists the presets if `name` is none of them.
   static absl::StatusOr<PipelineOptions> ForPreset(std::string_view name);
-  // "propagation", "median" and "silhouettes" stand for sweeps = 0, median_radius = 0 and silhouette_passes = 0.
+  // "propagation", "median" and "silhouettes" stand for sweeps = 0, median_radius = 0 and silhouette_passes = 0; terms
+  // and detectors of the solve for themselves.
   // InvalidArgument lists the parts if `part` is none of them.
   absl::Status SwitchOff(std::string_view part);
   // False for names that are no part.

@@ -114,17 +114,17 @@ v1::Job::State Encode(JobState state) {
 }
 
 constexpr std::pair<v1::UpsampleOptions::Method, std::string_view> kMethods[] = {
-    {v1::UpsampleOptions::METHOD_UNSPECIFIED, "ours"}, {v1::UpsampleOptions::METHOD_OURS, "ours"},
-    {v1::UpsampleOptions::METHOD_HOLD, "hold"},        {v1::UpsampleOptions::METHOD_NEAREST, "nearest"},
-    {v1::UpsampleOptions::METHOD_LINEAR, "linear"},    {v1::UpsampleOptions::METHOD_FLOW_WARP, "flow-warp"},
-    {v1::UpsampleOptions::METHOD_DOLSON, "dolson"},    {v1::UpsampleOptions::METHOD_DOLSON_MODE, "dolson-mode"},
+    {v1::UpsampleOptions::METHOD_UNSPECIFIED, "ours"},  {v1::UpsampleOptions::METHOD_OURS, "ours"},
+    {v1::UpsampleOptions::METHOD_HOLD, "hold"},         {v1::UpsampleOptions::METHOD_NEAREST, "nearest"},
+    {v1::UpsampleOptions::METHOD_LINEAR, "linear"},     {v1::UpsampleOptions::METHOD_FLOW_WARP, "flow-warp"},
+    {v1::UpsampleOptions::METHOD_DOLSON, "dolson"},     {v1::UpsampleOptions::METHOD_DOLSON_MODE, "dolson-mode"},
+    {v1::UpsampleOptions::METHOD_TRACKING, "tracking"},
 };
 
 constexpr std::pair<v1::UpsampleOptions::Preset, std::string_view> kPresets[] = {
-    {v1::UpsampleOptions::PRESET_UNSPECIFIED, "balanced"},
-    {v1::UpsampleOptions::PRESET_FAST, "fast"},
-    {v1::UpsampleOptions::PRESET_BALANCED, "balanced"},
-    {v1::UpsampleOptions::PRESET_BEST, "best"},
+    {v1::UpsampleOptions::PRESET_UNSPECIFIED, "balanced"}, {v1::UpsampleOptions::PRESET_FAST, "fast"},
+    {v1::UpsampleOptions::PRESET_BALANCED, "balanced"},    {v1::UpsampleOptions::PRESET_BEST, "best"},
+    {v1::UpsampleOptions::PRESET_REFERENCE, "reference"},
 };
 
 v1::UpsampleOptions Encode(const UpsampleOptions& options) {

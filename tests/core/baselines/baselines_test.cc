@@ -70,11 +70,13 @@ std::map<int64_t, DepthResult> Answer(std::string_view name, const FrameSource& 
   return results;
 }
 
-TEST(Baselines, AreSixAndOthersAreRefusedByName) {
-  EXPECT_THAT(BaselineNames(), testing::ElementsAre("hold", "nearest", "linear", "dolson", "dolson-mode", "flow-warp"));
+TEST(Baselines, AreSevenAndOthersAreRefusedByName) {
+  EXPECT_THAT(BaselineNames(),
+              testing::ElementsAre("hold", "nearest", "linear", "dolson", "dolson-mode", "tracking", "flow-warp"));
   const auto unknown = MakeBaseline("magic");
   EXPECT_EQ(unknown.status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_THAT(unknown.status().message(), testing::HasSubstr("hold, nearest, linear, dolson, dolson-mode, flow-warp"));
+  EXPECT_THAT(unknown.status().message(),
+              testing::HasSubstr("hold, nearest, linear, dolson, dolson-mode, tracking, flow-warp"));
 }
 
 // Nothing moves and depth has no noise: every method that does not smooth must give the one depth map back, frame after
@@ -128,6 +130,26 @@ TEST(Dolson, OnlyModeSeekingNeverMixesSurfacesOfOneColour) {
   };
   EXPECT_GT(mixed("dolson"), 0);
   EXPECT_EQ(mixed("dolson-mode"), 0);
+}
+
+// A dome comes nearer and goes sideways before a wall, and no colour shows it: only tracking carries it along.
+TEST(Tracking, CarriesAShapeAlongWithoutColour) {
+  Clip clip{.color_ns = {0, 25, 50, 75, 100}, .depth_ns = {0, 100}};
+  clip.grey = [](int, int, int64_t) { return static_cast<uint8_t>(120); };
+  clip.depth_m = [](int x, int y, int64_t time_ns) {
+    const double t = static_cast<double>(time_ns) / 100;
+    const double dx = x - 44.0 - 3 * t, dy = y - 40.0, r2 = dx * dx + dy * dy;
+    return static_cast<float>(r2 < 24 * 24 ? 1.5 - 0.1 * t + 0.2 * r2 / (24 * 24) : 3.0);
+  };
+  const MemorySource source = clip.Source();
+  const auto error = [&](const char* name) {
+    const auto results = Answer(name, source);
+    double sum = 0;
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) sum += std::abs(results.at(50).depth_m(x, y) - clip.depth_m(x, y, 50));
+    return sum;
+  };
+  EXPECT_LT(error("tracking"), 0.6 * error("hold"));
 }
 
 // Depth grows linearly with time at irregular stamps; values follow from the definitions by hand.
