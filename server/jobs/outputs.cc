@@ -1,6 +1,6 @@
-#include <algorithm>
-
 #include "server/jobs/job_manager.h"
+
+#include <algorithm>
 
 namespace depthtween::server {
 
