@@ -43,7 +43,7 @@ std::string PresetHelp() {
          "  best      searches longer where frames are hard to match: takes longer, gains 0 to 2 % at edges\n"
          "  reference as best, and the depth maps' surfaces move by the paper's joint optimisation, in its schedule: "
          "to\n"
-         "            compare with; takes several times as long as best and gains nothing more\n";
+         "            compare with; takes several times as long as best and gains little\n";
 }
 
 }  // namespace depthtween::tools
