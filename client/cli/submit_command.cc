@@ -81,10 +81,11 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       ->check(CLI::IsMember(presets))
       ->capture_default_str();
   command
-      ->add_option("--without", options->without,
-                   "Leave stages of method ours out, to learn what each is worth: settle, draw, solve, propagation, "
-                   "median, witnesses, silhouettes; of the solve opti, point, plane, proj, rigid, reg, short, "
-                   "occlusion, topology; names with commas between them")
+      ->add_option(
+          "--without", options->without,
+          "Leave stages of method ours out, to learn what each is worth: settle, recover, draw, solve, propagation, "
+          "median, witnesses, silhouettes; of the solve opti, point, plane, proj, rigid, reg, short, "
+          "occlusion, topology; names with commas between them")
       ->delimiter(',')
       ->type_name("NAMES");
   command->add_flag(

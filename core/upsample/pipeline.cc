@@ -12,6 +12,7 @@
 #include "absl/strings/str_join.h"
 #include "core/fill/weighted_median.h"
 #include "core/flow/dense_flow.h"
+#include "core/flow/lost_motion.h"
 #include "core/upsample/causal.h"
 #include "core/upsample/choose.h"
 #include "core/upsample/fuse.h"
@@ -109,7 +110,7 @@ class IntervalRun {
     const int pairs = window_.size() - 1;
     forward_.resize(pairs);
     backward_.resize(pairs);
-    return stages_.SideBySide(2 * pairs, [&](int i) -> absl::Status {
+    RETURN_IF_ERROR(stages_.SideBySide(2 * pairs, [&](int i) -> absl::Status {
       const int pair = i / 2;
       const auto& a = window_.luma[pair];
       const auto& b = window_.luma[pair + 1];
@@ -118,6 +119,11 @@ class IntervalRun {
       } else {
         ASSIGN_OR_RETURN(backward_[pair], DenseFlow(b, a, kNeighbourFlow));
       }
+      return absl::OkStatus();
+    }));
+    return stages_.SideBySide(pairs, [&](int pair) {
+      if (options_.recover)
+        RecoverLostMotion(window_.luma[pair], window_.luma[pair + 1], forward_[pair], backward_[pair]);
       return absl::OkStatus();
     });
   }
@@ -405,6 +411,7 @@ struct Part {
 };
 constexpr Part kParts[] = {
     {"settle", [](const auto& o) { return o.settle; }, [](auto& o) { o.settle = false; }},
+    {"recover", [](const auto& o) { return o.recover; }, [](auto& o) { o.recover = false; }},
     {"draw", [](const auto& o) { return o.draw; }, [](auto& o) { o.draw = false; }},
     {"solve", [](const auto& o) { return o.draw && o.solve; }, [](auto& o) { o.solve = false; }},
     {"propagation", [](const auto& o) { return o.sweeps > 0; }, [](auto& o) { o.sweeps = 0; }},

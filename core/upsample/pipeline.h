@@ -31,9 +31,10 @@ struct PipelineOptions {
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
   // Stages that one can do without, to learn what each is worth.
-  bool settle = true;  // keys by the depth frames before and after them, where the scene stood still
-  bool draw = false;   // keys' surfaces moved and drawn as proposals: helps fast motion alone, so only "best" does
-  bool solve = false;  // where they move to is solved for by all frames together; else composed flow says. Needs draw
+  bool settle = true;   // keys by the depth frames before and after them, where the scene stood still
+  bool recover = true;  // the motion of small, fast things that the flow between neighbours loses
+  bool draw = false;    // keys' surfaces moved and drawn as proposals: helps fast motion alone, so only "best" does
+  bool solve = false;   // where they move to is solved for by all frames together; else composed flow says. Needs draw
   SolveOptions solver;
   bool witnesses = true;  // the frames on either side vote in the median too
   // For fitting the weights of silhouettes: those of each pass, the last also of all passes after it, and a function

@@ -316,7 +316,7 @@ TEST(PipelineOptions, EveryPartCanBeSwitchedOff) {
   PipelineOptions options;
   EXPECT_FALSE(options.Uses("draw")) << "it earns its time in preset best alone";
   EXPECT_FALSE(options.Uses("luck"));
-  EXPECT_THAT(options.SwitchOff("luck").message(), ::testing::HasSubstr("the parts are settle, draw"));
+  EXPECT_THAT(options.SwitchOff("luck").message(), ::testing::HasSubstr("the parts are settle, recover"));
 }
 
 TEST(Pipeline, BeatsTheBaselinesOnARenderedScene) {

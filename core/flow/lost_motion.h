@@ -1,0 +1,27 @@
+// Motion of small, fast things, which coarse-to-fine flow loses: at the scale where their motion is a pixel they are
+// hardly one pixel themselves.
+//
+// Where the flows a->b and b->a both leave colours unexplained, something moved that neither found. Windows of such
+// places are looked for exhaustively among the other frame's such places; pixels around a window that was found take
+// its motion where that explains them better than their flow, and where the way back confirms it.
+//
+// Shapes:   all images W x H.  Units: pixels; luma 0..255.
+// Threads:  safe to call concurrently.
+#ifndef DEPTHTWEEN_CORE_FLOW_LOST_MOTION_H_
+#define DEPTHTWEEN_CORE_FLOW_LOST_MOTION_H_
+
+#include "core/base/image.h"
+
+namespace depthtween {
+
+// How far a window is looked for, pixels to each side.
+inline constexpr int kLostMotionReach = 24;
+
+// Mends the flows a->b and b->a. All of one size. Nothing happens in images of less than 2 kLostMotionReach to a side,
+// nor where more than kLostMotionShare of either frame is unexplained: a cut or a change of light is no motion.
+inline constexpr float kLostMotionShare = 0.15F;
+void RecoverLostMotion(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab, Image<Flow2>& ba);
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_FLOW_LOST_MOTION_H_
