@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <optional>
+#include <cstring>
+#include <limits>
 
+#include "core/base/lanes.h"
 #include "core/base/parallel.h"
 
 namespace depthtween {
@@ -31,7 +33,7 @@ constexpr float kGoodCost = 6.0F;
 constexpr float kConfirmedCost = 8.0F;
 
 // The first proposal's match is looked at in one row and column of so many, and holds up to the next.
-constexpr int kCostGrid = 2;
+constexpr int kCostGrid = 4;
 
 // The key pixel at a sub-pixel place, clamped to the image.
 struct Pixel {
@@ -42,12 +44,34 @@ Pixel NearestPixel(const Image<float>& image, float x, float y) {
           std::clamp(static_cast<int>(std::floor(y + 0.5F)), 0, image.height() - 1)};
 }
 
-float CostOf(const MatchPatch& patch, const Key& key, float x, float y, float limit = MatchPatch::kTruncation) {
+// What lies in the key at (x, y) costs, more than `limit` at least if it is more.
+float CostOf(const MatchPatch& patch, const Key& key, float x, float y,
+             float limit = std::numeric_limits<float>::max()) {
   const Pixel at = NearestPixel(key.distance, x, y);
   const float filled = key.distance(at.x, at.y);
-  return patch.CostAt(key.image, x, y, limit) + kFillPenalty * std::min(1.0F, filled / kFillReach) +
-         kFillPenaltyPerPixel * std::min(kFillFar, filled);
+  const float penalty =
+      kFillPenalty * std::min(1.0F, filled / kFillReach) + kFillPenaltyPerPixel * std::min(kFillFar, filled);
+  return penalty > limit ? penalty : patch.CostAt(key.image, x, y, limit - penalty) + penalty;
 }
+
+// The motions that a pixel compared: those closer than a quarter of a pixel are one.
+class Tried {
+ public:
+  explicit Tried(Flow2 first) { u_[0] = first.u, v_[0] = first.v; }
+  // False if it is one of them.
+  bool Add(Flow2 m) {
+    for (int i = 0; i < count_; ++i)
+      if (std::abs(u_[i] - m.u) < kSame && std::abs(v_[i] - m.v) < kSame) return false;
+    if (count_ < kMost) u_[count_] = m.u, v_[count_] = m.v, ++count_;
+    return true;
+  }
+
+ private:
+  static constexpr float kSame = 0.25F;  // pixels
+  static constexpr int kMost = 17;
+  float u_[kMost], v_[kMost];
+  int count_ = 1;
+};
 
 // to |= from, pixel by pixel.
 void Unite(const uint8_t* __restrict from, uint8_t* __restrict to, int count) {
@@ -83,50 +107,72 @@ Image<uint8_t> Uncertain(const ChooseInput& input, const Choice& choice, int thr
         const float a = before.depth_m(x, y), b = after.depth_m(x, y);
         const float cost = std::max(before.cost(x, y), after.cost(x, y));
         const bool agree = !two_sides || std::abs(a - b) <= kSidesDiffer * std::min(a, b);
+        mask(x, y) = mask(x, y) || other(x, y) || !agree || cost > kHighCost;
+        if (!mask(x, y) || !two_sides || !agree || cost >= kConfirmedCost) continue;
         const auto measured = [&](int s) {
           const Flow2 m = choice.sides[s].motion(x, y);
           const Image<float>& filled = input.keys[s]->distance;
           const Pixel at = NearestPixel(filled, static_cast<float>(x) + m.u, static_cast<float>(y) + m.v);
           return filled(at.x, at.y) == 0;
         };
-        const bool confirmed = two_sides && agree && cost < kConfirmedCost && measured(0) && measured(1);
-        mask(x, y) = !confirmed && (mask(x, y) || other(x, y) || !agree || cost > kHighCost);
+        mask(x, y) = !(measured(0) && measured(1));
       }
   });
   return mask;
 }
 
-}  // namespace
+// The sum of those of four depths (z00, z10, z01, z11 with their weights) that lie in the layer of the one that weighs
+// most.
+float MeanInLayer(const std::array<float, 4>& z, const std::array<float, 4>& w, float nearest,
+                  const DepthNoise& noise) {
+  if (nearest <= 0) return 0.0F;
+  float sum = 0, weight = 0;
+  for (int i = 0; i < 4; ++i)
+    if (z[i] > 0 && SameLayer(z[i], nearest, noise)) sum += w[i] * z[i], weight += w[i];
+  return weight > 0 ? sum / weight : nearest;
+}
 
-float SampleDepthInLayer(ImageView<const float> depth_m, float x, float y, const DepthNoise& noise) {
+inline float SampleInLayer(ImageView<const float> depth_m, float x, float y, const DepthNoise& noise) {
   x = std::clamp(x, 0.0F, static_cast<float>(depth_m.width() - 1));
   y = std::clamp(y, 0.0F, static_cast<float>(depth_m.height() - 1));
   const int x0 = static_cast<int>(x), y0 = static_cast<int>(y);
-  const int x1 = std::min(x0 + 1, depth_m.width() - 1), y1 = std::min(y0 + 1, depth_m.height() - 1);
+  const float* const top = depth_m.row(y0) + x0;
+  const float* const bottom = y0 + 1 < depth_m.height() ? top + depth_m.stride() : top;
+  const int right = x0 + 1 < depth_m.width() ? 1 : 0;
   const float ax = x - static_cast<float>(x0), ay = y - static_cast<float>(y0);
-  const float z00 = depth_m(x0, y0), z10 = depth_m(x1, y0), z01 = depth_m(x0, y1), z11 = depth_m(x1, y1);
+  const float z00 = top[0], z10 = top[right], z01 = bottom[0], z11 = bottom[right];
   const float w00 = (1 - ax) * (1 - ay), w10 = ax * (1 - ay), w01 = (1 - ax) * ay, w11 = ax * ay;
-  const float least = std::min({z00, z10, z01, z11}), most = std::max({z00, z10, z01, z11});
+  const float least = std::min(std::min(z00, z10), std::min(z01, z11));
+  const float most = std::max(std::max(z00, z10), std::max(z01, z11));
   if (least > 0 && most - least <= kLayerGap * least) return w00 * z00 + w10 * z10 + w01 * z01 + w11 * z11;
   const float nearest = ay < 0.5F ? (ax < 0.5F ? z00 : z10) : (ax < 0.5F ? z01 : z11);
-  if (nearest <= 0) return 0.0F;
-  float sum = 0, weight = 0;
-  const auto add = [&](float z, float w) {
-    if (z > 0 && SameLayer(z, nearest, noise)) sum += w * z, weight += w;
-  };
-  add(z00, w00);
-  add(z10, w10);
-  add(z01, w01);
-  add(z11, w11);
-  return weight > 0 ? sum / weight : nearest;
+  return MeanInLayer({z00, z10, z01, z11}, {w00, w10, w01, w11}, nearest, noise);
+}
+
+}  // namespace
+
+float SampleDepthInLayer(ImageView<const float> depth_m, float x, float y, const DepthNoise& noise) {
+  return SampleInLayer(depth_m, x, y, noise);
 }
 
 Image<uint8_t> NearDepthJumps(ImageView<const float> depth_m, int radius, const DepthNoise& noise, int threads) {
   const int width = depth_m.width(), height = depth_m.height();
   Image<uint8_t> jumps(width, height);
   // Marks pixels of `a` that lie in another layer than those of `b`.
-  const auto mark = [noise](const float* __restrict a, const float* __restrict b, uint8_t* __restrict to, int count) {
-    for (int x = 0; x < count; ++x) to[x] |= static_cast<uint8_t>(!SameLayer(a[x], b[x], noise));
+  const auto mark = [noise](const float* a, const float* b, uint8_t* to, int count) {
+    int x = 0;
+    for (; x + kLanes <= count; x += kLanes) {
+      const Lanes za = LoadLanes(a + x), zb = LoadLanes(b + x);
+      const Lanes nearer = MinLanes(za, zb);
+      const Lanes widest = kLayerGap * nearer + 4.0F * (noise.a_m + noise.b_per_m * nearer * nearer);
+      const LaneInts other = ~(AbsLanes(za - zb) <= widest);
+      typedef uint8_t Bytes __attribute__((vector_size(kLanes)));
+      Bytes marked;
+      std::memcpy(&marked, to + x, sizeof(marked));
+      marked |= __builtin_convertvector(other & 1, Bytes);
+      std::memcpy(to + x, &marked, sizeof(marked));
+    }
+    for (; x < count; ++x) to[x] |= static_cast<uint8_t>(!SameLayer(a[x], b[x], noise));
   };
   ParallelRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y) {
@@ -146,25 +192,42 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
     side = {Image<Flow2>(width, height), Image<float>(width, height), Image<float>(width, height)};
 
   const auto depth_at = [&](int s, int x, int y, Flow2 m) {
-    return SampleDepthInLayer(input.keys[s]->depth_m, static_cast<float>(x) + m.u, static_cast<float>(y) + m.v,
-                              input.noise);
+    return SampleInLayer(input.keys[s]->depth_m, static_cast<float>(x) + m.u, static_cast<float>(y) + m.v, input.noise);
+  };
+  const auto cost_at = [&](const MatchPatch& patch, int s, int x, int y, Flow2 m,
+                           float limit = std::numeric_limits<float>::max()) {
+    return CostOf(patch, *input.keys[s], static_cast<float>(x) + m.u, static_cast<float>(y) + m.v, limit);
   };
   // The first proposal, everywhere.
   ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y)
-      for (int x = 0; x < width; ++x) {
-        const bool on_grid = x % kCostGrid == 0 && y % kCostGrid == 0;
-        const std::optional<MatchPatch> patch = on_grid ? std::make_optional<MatchPatch>(target, x, y) : std::nullopt;
-        for (int s = 0; s < sides; ++s) {
-          const Flow2 m = input.proposals[s][0](x, y);
-          choice.sides[s].motion(x, y) = m;
-          choice.sides[s].depth_m(x, y) = depth_at(s, x, y, m);
-          choice.sides[s].cost(x, y) =
-              on_grid ? CostOf(*patch, *input.keys[s], static_cast<float>(x) + m.u, static_cast<float>(y) + m.v)
-                      : choice.sides[s].cost(x - x % kCostGrid, y - y % kCostGrid);
-        }
+    for (int s = 0; s < sides; ++s) {
+      SideChoice& side = choice.sides[s];
+      for (int y = begin; y < end; ++y) {
+        const Flow2* const proposed = input.proposals[s][0].row(y);
+        std::copy_n(proposed, width, side.motion.row(y));
+        float* const depth = side.depth_m.row(y);
+        for (int x = 0; x < width; ++x) depth[x] = depth_at(s, x, y, proposed[x]);
       }
+    }
   });
+  // Its match in the middle of each cell of a grid; a row of cells is one item.
+  ParallelRows((height + kCostGrid - 1) / kCostGrid, threads,
+               [&](int begin, int end) {
+                 for (int row = begin; row < end; ++row) {
+                   const int top = row * kCostGrid, bottom = std::min(height, top + kCostGrid), y = (top + bottom) / 2;
+                   for (int left = 0; left < width; left += kCostGrid) {
+                     const int right = std::min(width, left + kCostGrid), x = (left + right) / 2;
+                     const MatchPatch patch(target, x, y);
+                     for (int s = 0; s < sides; ++s)
+                       std::fill(choice.sides[s].cost.row(top) + left, choice.sides[s].cost.row(top) + right,
+                                 cost_at(patch, s, x, y, input.proposals[s][0](x, y)));
+                   }
+                   for (int s = 0; s < sides; ++s)
+                     for (int y2 = top + 1; y2 < bottom; ++y2)
+                       std::copy_n(choice.sides[s].cost.row(top), width, choice.sides[s].cost.row(y2));
+                 }
+               },
+               /*band=*/4);
   choice.uncertain = Uncertain(input, choice, threads);
 
   // Where uncertain: the other proposals and, sweep by sweep, what the neighbours and the other side found. Each sweep
@@ -173,47 +236,57 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
                            input.tau > 0.02F && input.tau < 0.98F ? -(1 - input.tau) / input.tau : 0.0F};
   // How far the neighbours lie that each pixel of a checkerboard asks: good motions first jump, then spread.
   constexpr int kSteps[][2] = {{11, 4}, {4, 1}, {1, 1}};
+  // What a sweep found, to be written once all have read.
+  struct Found {
+    int x, y, side;
+    Flow2 motion;
+  };
+  constexpr int kBand = 16;
+  std::vector<std::vector<Found>> found((height + kBand - 1) / kBand);
   for (int sweep = 0; sweep < options.sweeps; ++sweep) {
-    const Image<Flow2> previous[2] = {choice.sides[0].motion.Clone(), choice.sides[1].motion.Clone()};
-    ParallelRows(height, threads, [&](int begin, int end) {
-      for (int y = begin; y < end; ++y)
-        for (int x = 0; x < width; ++x) {
-          if (!choice.uncertain(x, y)) continue;
-          const MatchPatch patch(target, x, y);
-          for (int s = 0; s < sides; ++s) {
-            SideChoice& side = choice.sides[s];
-            Flow2 best = previous[s](x, y);
-            float best_cost = sweep > 0 ? side.cost(x, y)
-                                        : CostOf(patch, *input.keys[s], static_cast<float>(x) + best.u,
-                                                 static_cast<float>(y) + best.v);
-            side.cost(x, y) = best_cost;
-            if (best_cost < kGoodCost) continue;
-            std::array<Flow2, 16> tried;
-            size_t tried_count = 0;
-            const auto propose = [&](Flow2 m) {
-              // Motions closer than a quarter of a pixel are one.
-              const auto near = [&](Flow2 t) { return std::abs(t.u - m.u) < 0.25F && std::abs(t.v - m.v) < 0.25F; };
-              if (near(previous[s](x, y)) || std::any_of(tried.begin(), tried.begin() + tried_count, near)) return;
-              if (tried_count < tried.size()) tried[tried_count++] = m;
-              const float cost =
-                  CostOf(patch, *input.keys[s], static_cast<float>(x) + m.u, static_cast<float>(y) + m.v, best_cost);
-              if (cost < best_cost - kMargin) best = m, best_cost = cost;
-            };
-            if (sweep == 0)
-              for (size_t i = 1; i < input.proposals[s].size(); ++i) propose(input.proposals[s][i](x, y));
-            if (sides == 2 && mirror[s] != 0) {
-              const Flow2 o = previous[1 - s](x, y);
-              propose({mirror[s] * o.u, mirror[s] * o.v});
-            }
-            const int step = kSteps[std::min(sweep, 2)][(x + y) % 2];
-            for (int dy = -step; dy <= step; dy += step)
-              for (int dx = -step; dx <= step; dx += step)
-                if ((dx != 0 || dy != 0) && previous[s].Contains(x + dx, y + dy)) propose(previous[s](x + dx, y + dy));
-            side.motion(x, y) = best;
-            side.cost(x, y) = best_cost;
-          }
+    const auto search = [&](int x, int y, std::vector<Found>& better) {
+      if (sweep > 0 && choice.sides[0].cost(x, y) < kGoodCost && (sides < 2 || choice.sides[1].cost(x, y) < kGoodCost))
+        return;
+      const MatchPatch patch(target, x, y);
+      for (int s = 0; s < sides; ++s) {
+        SideChoice& side = choice.sides[s];
+        const Flow2 incumbent = side.motion(x, y);
+        if (sweep == 0) side.cost(x, y) = cost_at(patch, s, x, y, incumbent);
+        float best_cost = side.cost(x, y);
+        if (best_cost < kGoodCost) continue;
+        Flow2 best = incumbent;
+        Tried tried(incumbent);
+        const auto propose = [&](Flow2 m) {
+          if (!tried.Add(m)) return;
+          const float cost = cost_at(patch, s, x, y, m, best_cost - kMargin);
+          if (cost < best_cost - kMargin) best = m, best_cost = cost;
+        };
+        if (sweep == 0)
+          for (size_t i = 1; i < input.proposals[s].size(); ++i) propose(input.proposals[s][i](x, y));
+        if (sides == 2 && mirror[s] != 0) {
+          const Flow2 o = choice.sides[1 - s].motion(x, y);
+          propose({mirror[s] * o.u, mirror[s] * o.v});
         }
-    });
+        const int step = kSteps[std::min(sweep, 2)][(x + y) % 2];
+        for (int dy = -step; dy <= step; dy += step)
+          for (int dx = -step; dx <= step; dx += step)
+            if ((dx != 0 || dy != 0) && side.motion.Contains(x + dx, y + dy)) propose(side.motion(x + dx, y + dy));
+        if (best_cost < side.cost(x, y)) better.push_back({x, y, s, best});
+        side.cost(x, y) = best_cost;
+      }
+    };
+    ParallelRows(
+        height, threads,
+        [&](int begin, int end) {
+          std::vector<Found>& better = found[begin / kBand];
+          better.clear();
+          for (int y = begin; y < end; ++y)
+            for (int x = 0; x < width; ++x)
+              if (choice.uncertain(x, y)) search(x, y, better);
+        },
+        kBand);
+    for (const std::vector<Found>& better : found)
+      for (const Found& f : better) choice.sides[f.side].motion(f.x, f.y) = f.motion;
   }
   ParallelRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)

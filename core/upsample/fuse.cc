@@ -32,8 +32,8 @@ constexpr float kSeenDistance = 1.5F;  // a key pixel nearer than this to a meas
 float DistanceAt(const Key* key, int x, int y, Flow2 m) {
   constexpr float kFar = 1e9F;
   if (key == nullptr) return kFar;
-  const int nx = static_cast<int>(std::lround(static_cast<float>(x) + m.u));
-  const int ny = static_cast<int>(std::lround(static_cast<float>(y) + m.v));
+  const int nx = static_cast<int>(std::floor(static_cast<float>(x) + m.u + 0.5F));
+  const int ny = static_cast<int>(std::floor(static_cast<float>(y) + m.v + 0.5F));
   return key->distance.Contains(nx, ny) ? key->distance(nx, ny) : kFar;
 }
 
@@ -57,9 +57,9 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
         const float nearer = std::min(z0, z1), gap = std::abs(z0 - z1);
         if (nearer > 0) out.spread_m(x, y) = gap;
         const bool first = z1 <= 0 || (z0 > 0 && c0 <= c1);
+        const float fit0 = std::exp(-c0 / kCostScale), fit1 = std::exp(-c1 / kCostScale);
         if (nearer > 0 && gap <= kAgree * nearer) {
-          const float w0 = (1 - tau + 0.01F) * std::exp(-c0 / kCostScale),
-                      w1 = (tau + 0.01F) * std::exp(-c1 / kCostScale);
+          const float w0 = (1 - tau + 0.01F) * fit0, w1 = (tau + 0.01F) * fit1;
           out.confirmed(x, y) = distance0 == 0 && distance1 == 0;
           out.depth_m(x, y) = w0 + w1 > 0 ? (w0 * z0 + w1 * z1) / (w0 + w1) : (1 - tau) * z0 + tau * z1;
           out.provenance(x, y) = seen0 && seen1   ? Provenance::kBoth
@@ -74,7 +74,7 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
           out.depth_m(x, y) = first ? z0 : z1;
           out.provenance(x, y) = (first ? seen0 : seen1) ? Provenance::kOne : Provenance::kInferred;
         }
-        out.confidence(x, y) = std::exp(-(first ? c0 : c1) / kCostScale) + 1e-3F;
+        out.confidence(x, y) = (first ? fit0 : fit1) + 1e-3F;
       }
   });
   return out;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <utility>
+#include <vector>
 
 #include "core/base/lanes.h"
 
@@ -15,23 +17,36 @@ constexpr float kSupportColor = 30.0F;
 
 }  // namespace
 
-MatchImage::MatchImage(ImageView<const Rgb8> color) : width_(color.width()), height_(color.height()) {
-  for (auto& plane : planes_) plane = Image<float>(width_ + 2 * kBorder, height_ + 2 * kBorder);
-  const auto luma = [&](int x, int y) {
-    const Rgb8& c = color.Clamped(x, y);
-    return 0.299F * c.r + 0.587F * c.g + 0.114F * c.b;
+MatchImage::MatchImage(ImageView<const Rgb8> color)
+    : width_(color.width()),
+      height_(color.height()),
+      plane_stride_(width_ + 2 * kBorder),
+      planes_(kPlanes * static_cast<int>(plane_stride_), height_ + 2 * kBorder) {
+  // Luma of the rows above, at and below one, and of a pixel more than the border on either side.
+  std::vector<float> luma[3];
+  for (auto& row : luma) row.resize(width_ + 2 * kBorder + 2);
+  const auto fill = [&](int y, std::vector<float>& row) {
+    const Rgb8* const in = color.row(std::clamp(y, 0, height_ - 1));
+    for (int x = 0; x < width_; ++x) row[x + kBorder + 1] = 0.299F * in[x].r + 0.587F * in[x].g + 0.114F * in[x].b;
+    std::fill_n(row.begin(), kBorder + 1, row[kBorder + 1]);
+    std::fill_n(row.end() - kBorder - 1, kBorder + 1, row[width_ + kBorder]);
   };
+  fill(-kBorder - 1, luma[0]);
+  fill(-kBorder, luma[1]);
   for (int y = -kBorder; y < height_ + kBorder; ++y) {
-    float* out[kPlanes];
-    for (int p = 0; p < kPlanes; ++p) out[p] = planes_[p].row(y + kBorder) + kBorder;
-    for (int x = -kBorder; x < width_ + kBorder; ++x) {
-      const Rgb8& c = color.Clamped(x, y);
-      out[0][x] = c.r;
-      out[1][x] = c.g;
-      out[2][x] = c.b;
-      out[3][x] = 0.5F * (luma(x + 1, y) - luma(x - 1, y));
-      out[4][x] = 0.5F * (luma(x, y + 1) - luma(x, y - 1));
+    fill(y + 1, luma[2]);
+    const Rgb8* const in = color.row(std::clamp(y, 0, height_ - 1));
+    float* const out = planes_.row(y + kBorder);
+    for (int x = 0; x < plane_stride_; ++x) {
+      const Rgb8 c = in[std::clamp(x - kBorder, 0, width_ - 1)];
+      out[x] = c.r;
+      out[x + plane_stride_] = c.g;
+      out[x + 2 * plane_stride_] = c.b;
+      out[x + 3 * plane_stride_] = 0.5F * (luma[1][x + 2] - luma[1][x]);
+      out[x + 4 * plane_stride_] = 0.5F * (luma[2][x + 1] - luma[0][x + 1]);
     }
+    std::swap(luma[0], luma[1]);
+    std::swap(luma[1], luma[2]);
   }
 }
 
@@ -67,14 +82,16 @@ float MatchPatch::CostAt(const MatchImage& key, float x, float y, float limit) c
   const int x0 = static_cast<int>(floor_x) - kRadius, y0 = static_cast<int>(floor_y) - kRadius;
   const float ax = x - floor_x, ay = y - floor_y;
   const float w00 = (1 - ax) * (1 - ay), w10 = ax * (1 - ay), w01 = (1 - ax) * ay, w11 = ax * ay;
+  const float* const corner = key.row(0, y0) + x0;
+  const ptrdiff_t plane_stride = key.plane_stride(), row_stride = key.row_stride();
   float cost = 0;
   // The centre row first: it weighs most, and most proposals are refused by it.
-  constexpr int kOrder[kRows] = {2, 1, 3, 0, 4};
-  for (const int i : kOrder) {
+  for (const int i : {2, 1, 3, 0, 4}) {
+    const float* const row = corner + i * row_stride;
     Lanes color = {}, gradient = {};
     for (int p = 0; p < MatchImage::kPlanes; ++p) {
-      const float* top = key.row(p, y0 + i) + x0;
-      const float* bottom = key.row(p, y0 + i + 1) + x0;
+      const float* const top = row + p * plane_stride;
+      const float* const bottom = top + row_stride;
       const Lanes there =
           w00 * LoadLanes(top) + w10 * LoadLanes(top + 1) + w01 * LoadLanes(bottom) + w11 * LoadLanes(bottom + 1);
       const Lanes difference = AbsLanes(there - LoadLanes(value_[p][i]));

@@ -6,7 +6,7 @@
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_MATCH_H_
 #define DEPTHTWEEN_CORE_UPSAMPLE_MATCH_H_
 
-#include <array>
+#include <cstddef>
 
 #include "core/base/image.h"
 
@@ -25,11 +25,15 @@ class MatchImage {
   int width() const { return width_; }
   int height() const { return height_; }
   // Row y (-kBorder <= y < height + kBorder) of a plane; index 0 is x = 0, valid from -kBorder to width + kBorder - 1.
-  const float* row(int plane, int y) const { return planes_[plane].row(y + kBorder) + kBorder; }
+  const float* row(int plane, int y) const { return planes_.row(y + kBorder) + plane * plane_stride_ + kBorder; }
+  // From a value to the same pixel's in the next plane, and to the next row's in the same plane.
+  ptrdiff_t plane_stride() const { return plane_stride_; }
+  ptrdiff_t row_stride() const { return kPlanes * plane_stride_; }
 
  private:
   int width_ = 0, height_ = 0;
-  std::array<Image<float>, kPlanes> planes_;
+  ptrdiff_t plane_stride_ = 0;
+  Image<float> planes_;  // the planes of a row one after the other: what a window touches lies together
 };
 
 // The window around one target pixel, loaded once and compared with many places.
