@@ -21,6 +21,12 @@ inline Lanes LoadLanes(const float* p) {
 inline Lanes AllLanes(float value) { return Lanes{} + value; }
 inline Lanes AbsLanes(Lanes v) { return reinterpret_cast<Lanes>(reinterpret_cast<LaneInts>(v) & 0x7FFFFFFF); }
 inline Lanes MinLanes(Lanes a, Lanes b) { return a < b ? a : b; }
+inline Lanes MaxLanes(Lanes a, Lanes b) { return a > b ? a : b; }
+inline float SumLanes(Lanes v) {
+  float sum = 0;
+  for (int i = 0; i < kLanes; ++i) sum += v[i];
+  return sum;
+}
 // `value` where `mask` is set, else 0.
 inline Lanes KeepLanes(LaneInts mask, Lanes value) {
   return reinterpret_cast<Lanes>(mask & reinterpret_cast<LaneInts>(value));

@@ -6,41 +6,73 @@
 #include <cstdlib>
 #include <vector>
 
+#include "core/base/lanes.h"
 #include "core/base/parallel.h"
 
 namespace depthtween {
 
 namespace {
 
-struct Vote {
-  float depth, weight;
-};
-
-// The depth at which half the weight is reached. Quickselect: partition around a pivot, keep the side that holds the
-// half. Reorders the votes, of which there must be one at least.
-float MedianOf(std::vector<Vote>& votes) {
-  float total = 0, below = 0;
-  for (const Vote& vote : votes) total += vote.weight;
-  const float half = 0.5F * total;
-  auto first = votes.begin(), last = votes.end();
-  while (last - first > 1) {
-    const float pivot = (first + (last - first) / 2)->depth;
-    float less_weight = 0, equal_weight = 0;
-    const auto less_end = std::partition(first, last, [&](const Vote& v) { return v.depth < pivot; });
-    const auto equal_end = std::partition(less_end, last, [&](const Vote& v) { return v.depth == pivot; });
-    for (auto v = first; v != less_end; ++v) less_weight += v->weight;
-    for (auto v = less_end; v != equal_end; ++v) equal_weight += v->weight;
-    if (below + less_weight > half) {
-      last = less_end;
-    } else if (below + less_weight + equal_weight >= half || equal_end == last) {
-      return pivot;
-    } else {
-      below += less_weight + equal_weight;
-      first = equal_end;
-    }
+// Depths and weights of a window's votes, side by side, with room for whole lanes.
+class Votes {
+ public:
+  explicit Votes(size_t most) : depth_(most + kLanes), weight_(most + kLanes) {}
+  void Clear() { count_ = 0; }
+  bool empty() const { return count_ == 0; }
+  void Add(float depth, float weight) {
+    depth_[count_] = depth;
+    weight_[count_] = weight;
+    ++count_;
   }
-  return first->depth;
-}
+
+  // The depth at which half the weight is reached. Halves the range of depths that holds it: to try a depth is one pass
+  // over all votes without a branch, and about eight are needed. There must be one vote at least.
+  float Median() {
+    // What fills the last lanes is one of the votes, without weight.
+    std::fill_n(depth_.begin() + count_, kLanes, depth_[0]);
+    std::fill_n(weight_.begin() + count_, kLanes, 0.0F);
+    Lanes total = {}, least = LoadLanes(depth_.data()), most = least;
+    for (int i = 0; i < count_; i += kLanes) {
+      const Lanes depth = LoadLanes(depth_.data() + i);
+      total += LoadLanes(weight_.data() + i);
+      least = MinLanes(least, depth), most = MaxLanes(most, depth);
+    }
+    const float half = 0.5F * SumLanes(total);
+    float low = LeastOf(least), high = MostOf(most);
+    while (low < high) {
+      float middle = low + 0.5F * (high - low);
+      if (middle >= high) middle = low;  // there is no number between them
+      Lanes below = {}, next_high = AllLanes(low), next_low = AllLanes(high);
+      for (int i = 0; i < count_; i += kLanes) {
+        const Lanes depth = LoadLanes(depth_.data() + i);
+        const LaneInts is_below = depth <= middle;
+        below += KeepLanes(is_below, LoadLanes(weight_.data() + i));
+        next_high = MaxLanes(next_high, is_below ? depth : AllLanes(low));
+        next_low = MinLanes(next_low, is_below ? AllLanes(high) : depth);
+      }
+      if (SumLanes(below) >= half)
+        high = MostOf(next_high);
+      else
+        low = LeastOf(next_low);
+    }
+    return low;
+  }
+
+ private:
+  static float LeastOf(Lanes v) {
+    float least = v[0];
+    for (int i = 1; i < kLanes; ++i) least = std::min(least, v[i]);
+    return least;
+  }
+  static float MostOf(Lanes v) {
+    float most = v[0];
+    for (int i = 1; i < kLanes; ++i) most = std::max(most, v[i]);
+    return most;
+  }
+
+  std::vector<float> depth_, weight_;
+  int count_ = 0;
+};
 
 }  // namespace
 
@@ -63,8 +95,7 @@ Image<float> WeightedMedian(const MedianVoters& own, const std::vector<MedianWit
     space_weight[i] = std::exp(-0.5F * d * d);
   }
   // The votes of the window around (cx, cy), by their likeness to `here`.
-  const auto gather = [&](const MedianVoters& voters, int cx, int cy, int reach, float scale, Rgb8 here,
-                          std::vector<Vote>& votes) {
+  const auto gather = [&](const MedianVoters& voters, int cx, int cy, int reach, float scale, Rgb8 here, Votes& votes) {
     for (int y = std::max(0, cy - reach); y <= std::min(height - 1, cy + reach); ++y) {
       const float* depth = voters.depth_m.row(y);
       const float* confidence = voters.confidence.row(y);
@@ -74,27 +105,28 @@ Image<float> WeightedMedian(const MedianVoters& own, const std::vector<MedianWit
         if (depth[x] <= 0 || confidence[x] <= 0) continue;
         const int difference =
             std::abs(color[x].r - here.r) + std::abs(color[x].g - here.g) + std::abs(color[x].b - here.b);
-        votes.push_back(
-            {depth[x], color_weight[difference] * confidence[x] * row_weight * space_weight[std::abs(x - cx)]});
+        votes.Add(depth[x], color_weight[difference] * confidence[x] * row_weight * space_weight[std::abs(x - cx)]);
       }
     }
   };
+  const auto window_size = [](int reach) { return static_cast<size_t>((2 * reach + 1) * (2 * reach + 1)); };
+  const size_t most_votes = window_size(radius) + witnesses.size() * window_size(options.witness_radius);
   Image<float> out(width, height);
   ParallelRows(height, threads, [&](int begin, int end) {
-    std::vector<Vote> votes;
+    Votes votes(most_votes);
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < width; ++x) {
         out(x, y) = own.depth_m(x, y);
         if (mask(x, y) == 0) continue;
         const Rgb8 here = own.color(x, y);
-        votes.clear();
+        votes.Clear();
         gather(own, x, y, radius, 1.0F, here, votes);
         for (const MedianWitness& witness : witnesses) {
           const Flow2 motion = witness.motion(x, y);
           gather(witness.voters, x + static_cast<int>(std::lround(motion.u)),
                  y + static_cast<int>(std::lround(motion.v)), options.witness_radius, witness.weight, here, votes);
         }
-        if (!votes.empty()) out(x, y) = MedianOf(votes);
+        if (!votes.empty()) out(x, y) = votes.Median();
       }
   });
   return out;

@@ -39,7 +39,6 @@ double Sum(Lanes v) {
   for (int i = 0; i < kLanes; ++i) sum += v[i];
   return sum;
 }
-Lanes MaxLanes(Lanes a, Lanes b) { return a > b ? a : b; }
 
 // The rows that one point's terms add to its block, eight points at a time.
 class BlockSums {
