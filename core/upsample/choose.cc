@@ -5,6 +5,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include "core/base/lanes.h"
 #include "core/base/parallel.h"
@@ -268,9 +270,8 @@ Choice Choose(const ChooseInput& input, const ChooseOptions& options, int thread
           propose({mirror[s] * o.u, mirror[s] * o.v});
         }
         const int step = kSteps[std::min(sweep, 2)][(x + y) % 2];
-        for (int dy = -step; dy <= step; dy += step)
-          for (int dx = -step; dx <= step; dx += step)
-            if ((dx != 0 || dy != 0) && side.motion.Contains(x + dx, y + dy)) propose(side.motion(x + dx, y + dy));
+        for (const auto& [dx, dy] : {std::pair{0, -step}, {-step, 0}, {step, 0}, {0, step}})
+          if (side.motion.Contains(x + dx, y + dy)) propose(side.motion(x + dx, y + dy));
         if (best_cost < side.cost(x, y)) better.push_back({x, y, s, best});
         side.cost(x, y) = best_cost;
       }

@@ -106,12 +106,22 @@ class IntervalRun {
     });
   }
 
+  // Who follows motion to the keys needs flow between neighbours only to move depth frames that were taken between two
+  // colour frames.
+  bool NeedsFlowOf(int pair) const {
+    if (!options_.follow || options_.draw || options_.witnesses || context_.want_motion) return true;
+    return std::any_of(std::begin(keys_), std::end(keys_), [&](const Key& key) {
+      return key.toward >= 0 && std::min(key.color_index, key.toward) - window_.first == pair;
+    });
+  }
+
   absl::Status FlowBetweenNeighbours() {
     const int pairs = window_.size() - 1;
     forward_.resize(pairs);
     backward_.resize(pairs);
     RETURN_IF_ERROR(stages_.SideBySide(2 * pairs, [&](int i) -> absl::Status {
       const int pair = i / 2;
+      if (!NeedsFlowOf(pair)) return absl::OkStatus();
       const auto& a = window_.luma[pair];
       const auto& b = window_.luma[pair + 1];
       if (i % 2 == 0) {
@@ -122,7 +132,7 @@ class IntervalRun {
       return absl::OkStatus();
     }));
     return stages_.SideBySide(pairs, [&](int pair) {
-      if (options_.recover)
+      if (options_.recover && NeedsFlowOf(pair))
         RecoverLostMotion(window_.luma[pair], window_.luma[pair + 1], forward_[pair], backward_[pair]);
       return absl::OkStatus();
     });
@@ -157,13 +167,44 @@ class IntervalRun {
     return SettleWhereStill(measured_[side], window_.color[KeyInWindow(side)], witnesses, noise_, 1);
   }
 
-  // Motion from each frame of the window to the keys: composed step by step outward from the key, then refined
-  // directly.
+  // Motion from each frame of the window to the keys.
   absl::Status FlowToKeys() {
+    for (int side = 0; side < 2; ++side) composed_[side].resize(window_.size()), refined_[side].resize(window_.size());
+    return options_.follow ? FollowToKeys() : ComposeToKeys();
+  }
+
+  absl::StatusOr<Image<Flow2>> FlowToKey(int frame, int key, const Image<Flow2>& start) const {
+    const bool is_near = std::abs(frame - key) <= kNearFrames && MeanLength(start) <= kNearMotionPx;
+    return DenseFlow(
+        window_.luma[frame], window_.luma[key],
+        is_near ? NearFlowToKeyOptions(options_.flow_finest_scale) : FlowToKeyOptions(options_.flow_finest_scale),
+        &start);
+  }
+
+  // Frame by frame outward from the key: each starts where the frame before would be, had it gone on as it went.
+  absl::Status FollowToKeys() {
+    return stages_.SideBySide(4, [&](int i) -> absl::Status {
+      const int side = i % 2, step = i < 2 ? 1 : -1, key = KeyInWindow(side);
+      const int width = window_.color[key].width(), height = window_.color[key].height();
+      std::vector<Image<Flow2>>& motion = refined_[side];
+      if (step > 0) motion[key] = Image<Flow2>(width, height);
+      const Image<Flow2> still(width, height);
+      const int last_needed = FrameInWindow(step > 0 ? interval_.frame_count - 1 : 0);
+      for (int frame = key + step; step * frame <= step * last_needed; frame += step) {
+        const Image<Flow2>& last = frame - step == key ? still : motion[frame - step];
+        const Image<Flow2>& before = std::abs(frame - key) <= 2 ? still : motion[frame - 2 * step];
+        Image<Flow2> start(width, height);
+        for (size_t p = 0; p < start.pixel_count(); ++p)
+          start.data()[p] = {2 * last.data()[p].u - before.data()[p].u, 2 * last.data()[p].v - before.data()[p].v};
+        ASSIGN_OR_RETURN(motion[frame], FlowToKey(frame, key, start));
+      }
+      return absl::OkStatus();
+    });
+  }
+
+  // Composed step by step outward from the key, then refined directly.
+  absl::Status ComposeToKeys() {
     const int count = window_.size();
-    const DenseFlowOptions far = FlowToKeyOptions(options_.flow_finest_scale);
-    const DenseFlowOptions near = NearFlowToKeyOptions(options_.flow_finest_scale);
-    for (int side = 0; side < 2; ++side) composed_[side].resize(count), refined_[side].resize(count);
     RETURN_IF_ERROR(stages_.SideBySide(2, [&](int side) {
       const int key = KeyInWindow(side);
       composed_[side][key] = Image<Flow2>(window_.color[key].width(), window_.color[key].height());
@@ -177,10 +218,7 @@ class IntervalRun {
         refined_[side][frame] = composed_[side][frame].Clone();
         return absl::OkStatus();
       }
-      const Image<Flow2>& start = composed_[side][frame];
-      const bool is_near = std::abs(frame - key) <= kNearFrames && MeanLength(start) <= kNearMotionPx;
-      ASSIGN_OR_RETURN(refined_[side][frame],
-                       DenseFlow(window_.luma[frame], window_.luma[key], is_near ? near : far, &start));
+      ASSIGN_OR_RETURN(refined_[side][frame], FlowToKey(frame, key, composed_[side][frame]));
       return absl::OkStatus();
     });
   }
@@ -429,7 +467,8 @@ const Part* FindPart(std::string_view name) {
 
 absl::StatusOr<PipelineOptions> PipelineOptions::ForPreset(std::string_view name) {
   if (name == "fast")
-    return PipelineOptions{.sweeps = 1, .silhouette_passes = 0, .flow_finest_scale = 1, .witnesses = false};
+    return PipelineOptions{
+        .sweeps = 1, .silhouette_passes = 0, .flow_finest_scale = 1, .follow = true, .witnesses = false};
   if (name == "balanced") return PipelineOptions{};
   if (name == "best") return PipelineOptions{.sweeps = 3, .silhouette_passes = 4, .draw = true};
   if (name == "reference") {

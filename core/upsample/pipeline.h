@@ -30,6 +30,9 @@ struct PipelineOptions {
   int silhouette_passes = 2;
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
+  // Motion to a key is followed outward from it, each flow starting where the last one leads, instead of composed from
+  // the flows between neighbours and then refined: half the flows, and errors a few per cent higher or lower.
+  bool follow = false;
   // Stages that one can do without, to learn what each is worth.
   bool settle = true;   // keys by the depth frames before and after them, where the scene stood still
   bool recover = true;  // the motion of small, fast things that the flow between neighbours loses

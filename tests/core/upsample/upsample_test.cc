@@ -62,13 +62,14 @@ struct Slide {
   }
 };
 
-std::vector<DepthResult> RunAll(const FrameSource& source, int threads = 1) {
+std::vector<DepthResult> RunAll(const FrameSource& source, const RunContext& context = {},
+                                const std::string& preset = "balanced") {
   std::vector<DepthResult> results;
   const auto constants = EstimateClipConstants(source);
   EXPECT_TRUE(constants.ok()) << constants.status();
-  const auto pipeline = MakePipeline();
+  const auto pipeline = MakePipeline(*PipelineOptions::ForPreset(preset));
   for (const Interval& interval : PlanIntervals(source.sequence())) {
-    const auto summary = pipeline->Run(source, *constants, interval, {.threads = threads}, [&](DepthResult result) {
+    const auto summary = pipeline->Run(source, *constants, interval, context, [&](DepthResult result) {
       results.push_back(std::move(result));
       return absl::OkStatus();
     });
@@ -83,6 +84,13 @@ double ShareWithin(const Image<float>& depth, const Image<float>& truth, float t
   int good = 0;
   for (size_t i = 0; i < depth.pixel_count(); ++i) good += std::abs(depth.data()[i] - truth.data()[i]) <= tolerance_m;
   return static_cast<double>(good) / static_cast<double>(depth.pixel_count());
+}
+
+bool SameBits(const DepthResult& a, const DepthResult& b) {
+  const size_t n = a.depth_m.pixel_count();
+  return a.color_index == b.color_index && std::memcmp(a.depth_m.data(), b.depth_m.data(), n * sizeof(float)) == 0 &&
+         std::memcmp(a.sigma_m.data(), b.sigma_m.data(), n * sizeof(float)) == 0 &&
+         std::memcmp(a.provenance.data(), b.provenance.data(), n) == 0;
 }
 
 // An image matches itself without cost, and the shifted one at its shift; outside the image nothing matches.
@@ -222,7 +230,7 @@ TEST(Pipeline, IsExactWhereNothingMoves) {
 TEST(Pipeline, FollowsASlidingSquareInTime) {
   const Slide scene{.speed_px = 300};
   const std::vector<double> color = {-0.01, 0, 0.01, 0.023, 0.031, 0.04, 0.05, 0.06, 0.07};
-  const auto results = RunAll(scene.Source(color, {0, 0.06}), 2);
+  const auto results = RunAll(scene.Source(color, {0, 0.06}), {.threads = 2});
   ASSERT_EQ(results.size(), color.size());
   for (size_t i = 0; i < color.size(); ++i) {
     SCOPED_TRACE(color[i]);
@@ -242,7 +250,7 @@ TEST(Pipeline, FollowsASlidingSquareInTime) {
 TEST(Pipeline, GivesTheSameBitsForAnyThreadsAndOrder) {
   const Slide scene{.speed_px = 250};
   const MemorySource source = scene.Source({0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06}, {0, 0.03, 0.06});
-  const auto one = RunAll(source, 1), three = RunAll(source, 3);
+  const auto one = RunAll(source), three = RunAll(source, {.threads = 3});
   const auto constants = EstimateClipConstants(source);
   const auto plan = PlanIntervals(source.sequence());
   std::vector<DepthResult> last;
@@ -253,15 +261,36 @@ TEST(Pipeline, GivesTheSameBitsForAnyThreadsAndOrder) {
                           return absl::OkStatus();
                         })
                   .ok());
-  const auto same = [](const DepthResult& a, const DepthResult& b) {
-    const size_t n = a.depth_m.pixel_count();
-    return a.color_index == b.color_index && std::memcmp(a.depth_m.data(), b.depth_m.data(), n * sizeof(float)) == 0 &&
-           std::memcmp(a.sigma_m.data(), b.sigma_m.data(), n * sizeof(float)) == 0 &&
-           std::memcmp(a.provenance.data(), b.provenance.data(), n) == 0;
-  };
   ASSERT_EQ(one.size(), three.size());
-  for (size_t i = 0; i < one.size(); ++i) EXPECT_TRUE(same(one[i], three[i])) << i;
-  for (size_t i = 0; i < last.size(); ++i) EXPECT_TRUE(same(last[i], one[3 + i])) << i;
+  for (size_t i = 0; i < one.size(); ++i) EXPECT_TRUE(SameBits(one[i], three[i])) << i;
+  for (size_t i = 0; i < last.size(); ++i) EXPECT_TRUE(SameBits(last[i], one[3 + i])) << i;
+}
+
+// Preset fast follows motion from frame to frame. Truth is known as above; the second key was taken between two colour
+// frames, which takes flow between these.
+TEST(Pipeline, FollowsASlidingSquareFast) {
+  const Slide scene{.speed_px = 300};
+  const std::vector<double> color = {0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06};
+  const auto results = RunAll(scene.Source(color, {0, 0.025, 0.06}), {.threads = 2}, "fast");
+  ASSERT_EQ(results.size(), color.size());
+  for (size_t i = 0; i < color.size(); ++i)
+    EXPECT_GT(ShareWithin(results[i].depth_m, scene.Depth(color[i]), 0.01F), 0.98) << color[i];
+}
+
+// Who asks for motion gets it for every step, and the same depth.
+TEST(Pipeline, GivesTheSameDepthToThoseWhoAskForMotion) {
+  const MemorySource source = Slide{.speed_px = 250}.Source({0, 0.01, 0.02, 0.03, 0.04}, {0, 0.025, 0.04});
+  for (const char* preset : {"fast", "balanced"}) {
+    SCOPED_TRACE(preset);
+    const auto without = RunAll(source, {}, preset), with = RunAll(source, {.want_motion = true}, preset);
+    ASSERT_EQ(without.size(), with.size());
+    for (size_t i = 0; i < with.size(); ++i) {
+      EXPECT_TRUE(SameBits(without[i], with[i])) << i;
+      EXPECT_TRUE(without[i].motion_next.empty()) << i;
+    }
+    EXPECT_NEAR(with[1].motion_next(50, 37).u, 2.5F, 0.5F);  // on the square, away from its edges
+    EXPECT_NEAR(with[1].motion_back(50, 37).u, -2.5F, 0.5F);
+  }
 }
 
 TEST(Pipeline, StopsWhenAsked) {
