@@ -41,10 +41,15 @@ struct DepthWitness {
   ImageView<const Rgb8> color;
 };
 // Where the colours around a pixel stand still between `color` and a witness's, its measurement counts as well: noise
-// is averaged, a drop-out is filled, and a mixture or a flicker that both witnesses contradict gives way to them.
-// Elsewhere `depth_m` stays.
+// is averaged, a drop-out that two witnesses fill alike is filled, and a mixture or a flicker gives way to the layer
+// that most of the measurements lie in. Elsewhere `depth_m` stays. At most kMaxWitnesses.
+constexpr int kMaxWitnesses = 8;
 Image<float> SettleWhereStill(ImageView<const float> depth_m, ImageView<const Rgb8> color,
                               const std::vector<DepthWitness>& witnesses, const DepthNoise& noise, int threads);
+
+// Whether the camera stood still between two frames, by what has texture in the first: most of it stays in place,
+// however much moves before it. Where nothing has texture, nothing shows that it did.
+bool CameraStoodStill(ImageView<const Rgb8> color, ImageView<const Rgb8> other);
 
 struct FilledDepth {
   Image<float> depth_m;   // 0 only if nothing was measured at all

@@ -156,7 +156,7 @@ class CausalRun {
     ASSIGN_OR_RETURN(key_frame_, ReadFrame(key_.color_index));
     key_frame_.composed = Image<Flow2>(key_frame_.color.width(), key_frame_.color.height());
     ASSIGN_OR_RETURN(Image<float> measured, Measured(depth_index, key_, key_frame_));
-    if (options_.settle && depth_index > 0) {
+    if (options_.settle_reach > 0 && depth_index > 0) {
       ASSIGN_OR_RETURN(const Image<float> depth, source_.Depth(depth_index - 1));
       ASSIGN_OR_RETURN(const Image<Rgb8> color,
                        source_.Color(LocateKey(source_.sequence(), depth_index - 1).color_index));

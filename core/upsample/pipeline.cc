@@ -152,19 +152,27 @@ class IntervalRun {
     });
   }
 
-  // The depth frames before and after a key are witnesses of what stood still.
+  // The depth frames before and after a key are witnesses of what stood still; those beyond them too, as long as the
+  // camera itself did: a plain wall looks still however the camera moves.
   absl::StatusOr<Image<float>> Settle(int side) {
     const int index = side == 0 ? interval_.key_before : interval_.key_after;
+    const Image<Rgb8>& here = window_.color[KeyInWindow(side)];
     std::vector<Image<float>> depth;
     std::vector<Image<Rgb8>> color;
-    for (const int other : {index - 1, index + 1}) {
-      if (!options_.settle || other < 0 || other >= static_cast<int>(source_.sequence().depth.size())) continue;
-      ASSIGN_OR_RETURN(depth.emplace_back(), source_.Depth(other));
-      ASSIGN_OR_RETURN(color.emplace_back(), source_.Color(LocateKey(source_.sequence(), other).color_index));
-    }
+    for (const int direction : {-1, 1})
+      for (int d = 1; d <= options_.settle_reach; ++d) {
+        const int other = index + direction * d;
+        if (other < 0 || other >= static_cast<int>(source_.sequence().depth.size())) break;
+        ASSIGN_OR_RETURN(Image<Rgb8> there, source_.Color(LocateKey(source_.sequence(), other).color_index));
+        const bool stood_still = CameraStoodStill(here, there);
+        if (d > 1 && !stood_still) break;
+        ASSIGN_OR_RETURN(depth.emplace_back(), source_.Depth(other));
+        color.push_back(std::move(there));
+        if (!stood_still) break;
+      }
     std::vector<DepthWitness> witnesses;
     for (size_t i = 0; i < depth.size(); ++i) witnesses.push_back({depth[i], color[i]});
-    return SettleWhereStill(measured_[side], window_.color[KeyInWindow(side)], witnesses, noise_, 1);
+    return SettleWhereStill(measured_[side], here, witnesses, noise_, 1);
   }
 
   // Motion from each frame of the window to the keys.
@@ -448,7 +456,7 @@ struct Part {
   void (*leave_out)(PipelineOptions& options);
 };
 constexpr Part kParts[] = {
-    {"settle", [](const auto& o) { return o.settle; }, [](auto& o) { o.settle = false; }},
+    {"settle", [](const auto& o) { return o.settle_reach > 0; }, [](auto& o) { o.settle_reach = 0; }},
     {"recover", [](const auto& o) { return o.recover; }, [](auto& o) { o.recover = false; }},
     {"draw", [](const auto& o) { return o.draw; }, [](auto& o) { o.draw = false; }},
     {"solve", [](const auto& o) { return o.draw && o.solve; }, [](auto& o) { o.solve = false; }},
@@ -467,8 +475,12 @@ const Part* FindPart(std::string_view name) {
 
 absl::StatusOr<PipelineOptions> PipelineOptions::ForPreset(std::string_view name) {
   if (name == "fast")
-    return PipelineOptions{
-        .sweeps = 1, .silhouette_passes = 0, .flow_finest_scale = 1, .follow = true, .witnesses = false};
+    return PipelineOptions{.sweeps = 1,
+                           .silhouette_passes = 0,
+                           .settle_reach = 1,
+                           .flow_finest_scale = 1,
+                           .follow = true,
+                           .witnesses = false};
   if (name == "balanced") return PipelineOptions{};
   if (name == "best") return PipelineOptions{.sweeps = 3, .silhouette_passes = 4, .draw = true};
   if (name == "reference") {
@@ -506,6 +518,8 @@ absl::Status PipelineOptions::Validate() const {
   if (silhouette_weights.empty())
     return absl::InvalidArgumentError(
         "PipelineOptions.silhouette_weights is empty, must have a set for one pass at least");
+  if (settle_reach < 0 || settle_reach > kMaxWitnesses / 2)
+    return error("settle_reach", settle_reach, "between 0 and 4");
   if (flow_finest_scale < 0 || flow_finest_scale > 5)
     return error("flow_finest_scale", flow_finest_scale, "between 0 and 5");
   return solver.Validate();
@@ -526,6 +540,10 @@ const std::vector<PipelineParameter>& PipelineParameters() {
        {0, 1, 2, 4},
        [](const Options& o) { return static_cast<double>(o.silhouette_passes); },
        [](Options& o, double value) { o.silhouette_passes = static_cast<int>(value); }},
+      {"settle_reach",
+       {0, 1, 2, 3, 4},
+       [](const Options& o) { return static_cast<double>(o.settle_reach); },
+       [](Options& o, double value) { o.settle_reach = static_cast<int>(value); }},
       {"flow_finest_scale",
        {0, 1, 2},
        [](const Options& o) { return static_cast<double>(o.flow_finest_scale); },

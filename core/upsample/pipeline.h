@@ -28,6 +28,9 @@ struct PipelineOptions {
   int median_radius = 3;
   // How often pixels beside a jump are decided by all frames together, each time seeing the decisions before. >= 0.
   int silhouette_passes = 2;
+  // Keys are settled, where the scene stood still, by so many depth frames on either side; by one where the camera
+  // moved.
+  int settle_reach = 3;
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
   // Motion to a key is followed outward from it, each flow starting where the last one leads, instead of composed from
@@ -51,9 +54,9 @@ struct PipelineOptions {
 
   // InvalidArgument lists the presets if `name` is none of them.
   static absl::StatusOr<PipelineOptions> ForPreset(std::string_view name);
-  // "propagation", "median" and "silhouettes" stand for sweeps = 0, median_radius = 0 and silhouette_passes = 0; terms
-  // and detectors of the solve for themselves.
-  // InvalidArgument lists the parts if `part` is none of them.
+  // "settle", "propagation", "median" and "silhouettes" stand for settle_reach = 0, sweeps = 0, median_radius = 0 and
+  // silhouette_passes = 0; terms and detectors of the solve for themselves. InvalidArgument lists the parts if `part`
+  // is none of them.
   absl::Status SwitchOff(std::string_view part);
   // False for names that are no part.
   bool Uses(std::string_view part) const;

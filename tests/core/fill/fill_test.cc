@@ -69,6 +69,43 @@ TEST(SettleWhereStill, BelievesWitnessesOnlyOfWhatStoodStill) {
   EXPECT_EQ(alone(8, 10), 1.2F);  // one word against another decides nothing
 }
 
+// Of five looks at an edge that flickers between two layers, three decide; two against two, or none of its own against
+// one, leave it as it was.
+TEST(SettleWhereStill, GoesWithMostOfTheWitnesses) {
+  const Image<Rgb8> color(20, 10, Rgb8{90, 100, 110});
+  const Image<float> near(20, 10, 1.2F), far(20, 10, 2.0F), unknown(20, 10, 0.0F);
+  const auto settled = [&](const Image<float>& own, const std::vector<const Image<float>*>& others) {
+    std::vector<DepthWitness> witnesses;
+    for (const Image<float>* other : others) witnesses.push_back({*other, color});
+    return SettleWhereStill(own, color, witnesses, kQuiet, 1)(5, 5);
+  };
+  EXPECT_EQ(settled(near, {&far, &near, &far, &far}), 2.0F);
+  EXPECT_EQ(settled(near, {&far, &near, &far}), 1.2F);
+  EXPECT_EQ(settled(unknown, {&far, &near, &far}), 2.0F);
+  EXPECT_EQ(settled(unknown, {&far, &near}), 0.0F);
+}
+
+// A textured wall with a large ball before it: the camera stands still as long as the wall does, whatever the ball
+// does.
+TEST(CameraStoodStill, ByWhatHasTexture) {
+  const auto view = [](int camera_x, int ball_x) {
+    Image<Rgb8> image(120, 90);
+    for (int y = 0; y < 90; ++y)
+      for (int x = 0; x < 120; ++x) {
+        const bool bright = ((x + camera_x) / 5 + y / 5) % 2 == 0;
+        const bool ball = std::hypot(x - ball_x, y - 45) < 25;
+        const auto level = static_cast<uint8_t>(bright ? 200 : 60);
+        image(x, y) = ball ? Rgb8{level, 40, 40} : Rgb8{level, level, level};
+      }
+    return image;
+  };
+  EXPECT_TRUE(CameraStoodStill(view(0, 40), view(0, 40)));
+  EXPECT_TRUE(CameraStoodStill(view(0, 40), view(0, 60)));
+  EXPECT_FALSE(CameraStoodStill(view(0, 40), view(2, 40)));
+  const Image<Rgb8> plain(60, 40, Rgb8{90, 90, 90});
+  EXPECT_FALSE(CameraStoodStill(plain, plain));
+}
+
 // A hole across a colour edge: each side belongs to the surface of its colour.
 TEST(FillAlongColor, StopsAtColourEdges) {
   Step step = MakeStep(40, 20, 20);
