@@ -34,7 +34,7 @@ struct PipelineOptions {
   // Finest scale of the dense flow: 0 = full resolution, 1 = half.
   int flow_finest_scale = 0;
   // Motion to a key is followed outward from it, each flow starting where the last one leads, instead of composed from
-  // the flows between neighbours and then refined: half the flows, and errors a few per cent higher or lower.
+  // the flows between neighbours and then refined: half the flows, and errors between 2 % lower and 8 % higher.
   bool follow = false;
   // Stages that one can do without, to learn what each is worth.
   bool settle = true;   // keys by the depth frames before and after them, where the scene stood still
