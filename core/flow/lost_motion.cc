@@ -147,29 +147,75 @@ Image<Flow2> Spread(const std::vector<Found>& found, ImageView<const uint8_t> fr
   return out;
 }
 
-// Takes the mended motions that the mended way back confirms.
-void TakeConfirmed(ImageView<const Flow2> mended, ImageView<const Flow2> mended_back, ImageView<Flow2> flow) {
+// Takes the mended motions that the mended way back confirms; says whether there were any.
+bool TakeConfirmed(const Image<Flow2>& mended, const Image<Flow2>& mended_back, Image<Flow2>& flow) {
+  bool taken = false;
   for (int y = 0; y < flow.height(); ++y)
     for (int x = 0; x < flow.width(); ++x) {
       const Flow2 f = mended(x, y);
       if (f.u == flow(x, y).u && f.v == flow(x, y).v) continue;
       const int tx = x + static_cast<int>(std::lround(f.u)), ty = y + static_cast<int>(std::lround(f.v));
       const Flow2 back = mended_back(tx, ty);
-      if (std::hypot(f.u + back.u, f.v + back.v) <= kWayBack) flow(x, y) = f;
+      if (std::hypot(f.u + back.u, f.v + back.v) > kWayBack) continue;
+      flow(x, y) = f;
+      taken = true;
+    }
+  return taken;
+}
+
+bool RecoverAtFullResolution(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab,
+                             Image<Flow2>& ba) {
+  const Unexplained left_a(a, b, ab), left_b(b, a, ba);
+  for (const float share : {left_a.share(), left_b.share()})
+    if (share == 0 || share > kLostMotionShare) return false;
+  const Image<Flow2> mended_ab = Spread(FindWindows(a, b, left_a, left_b), a, b, left_a, ab);
+  const Image<Flow2> mended_ba = Spread(FindWindows(b, a, left_b, left_a), b, a, left_b, ba);
+  const bool there = TakeConfirmed(mended_ab, mended_ba, ab), back = TakeConfirmed(mended_ba, mended_ab, ba);
+  return there || back;
+}
+
+Image<uint8_t> HalfSize(ImageView<const uint8_t> image) {
+  Image<uint8_t> half(image.width() / 2, image.height() / 2);
+  for (int y = 0; y < half.height(); ++y)
+    for (int x = 0; x < half.width(); ++x)
+      half(x, y) = static_cast<uint8_t>(
+          (image(2 * x, 2 * y) + image(2 * x + 1, 2 * y) + image(2 * x, 2 * y + 1) + image(2 * x + 1, 2 * y + 1) + 2) /
+          4);
+  return half;
+}
+
+Image<Flow2> HalfSize(const Image<Flow2>& flow) {
+  Image<Flow2> half(flow.width() / 2, flow.height() / 2);
+  for (int y = 0; y < half.height(); ++y)
+    for (int x = 0; x < half.width(); ++x) half(x, y) = {flow(2 * x, 2 * y).u / 2, flow(2 * x, 2 * y).v / 2};
+  return half;
+}
+
+// What was mended at half resolution, at full resolution; elsewhere `flow` stays.
+void TakeChanges(const Image<Flow2>& mended, const Image<Flow2>& before, Image<Flow2>& flow) {
+  for (int y = 0; y < 2 * mended.height(); ++y)
+    for (int x = 0; x < 2 * mended.width(); ++x) {
+      const Flow2 f = mended(x / 2, y / 2), was = before(x / 2, y / 2);
+      if (f.u != was.u || f.v != was.v) flow(x, y) = {2 * f.u, 2 * f.v};
     }
 }
 
 }  // namespace
 
-void RecoverLostMotion(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab, Image<Flow2>& ba) {
-  if (std::min(a.width(), a.height()) < 2 * kLostMotionReach) return;
-  const Unexplained left_a(a, b, ab), left_b(b, a, ba);
-  for (const float share : {left_a.share(), left_b.share()})
-    if (share == 0 || share > kLostMotionShare) return;
-  const Image<Flow2> mended_ab = Spread(FindWindows(a, b, left_a, left_b), a, b, left_a, ab);
-  const Image<Flow2> mended_ba = Spread(FindWindows(b, a, left_b, left_a), b, a, left_b, ba);
-  TakeConfirmed(mended_ab, mended_ba, ab);
-  TakeConfirmed(mended_ba, mended_ab, ba);
+bool RecoverLostMotion(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab, Image<Flow2>& ba,
+                       int scales) {
+  if (scales < 1 || std::min(a.width(), a.height()) < 2 * kLostMotionReach) return false;
+  bool changed = false;
+  if (scales > 1) {
+    const Image<Flow2> ab_before = HalfSize(ab), ba_before = HalfSize(ba);
+    Image<Flow2> ab_half = ab_before.Clone(), ba_half = ba_before.Clone();
+    changed = RecoverLostMotion(HalfSize(a), HalfSize(b), ab_half, ba_half, scales - 1);
+    if (changed) {
+      TakeChanges(ab_half, ab_before, ab);
+      TakeChanges(ba_half, ba_before, ba);
+    }
+  }
+  return RecoverAtFullResolution(a, b, ab, ba) || changed;
 }
 
 }  // namespace depthtween

@@ -14,13 +14,15 @@
 
 namespace depthtween {
 
-// How far a window is looked for, pixels to each side.
+// How far a window is looked for at full resolution, pixels to each side; twice as far at half resolution, and so on.
 inline constexpr int kLostMotionReach = 24;
 
-// Mends the flows a->b and b->a. All of one size. Nothing happens in images of less than 2 kLostMotionReach to a side,
-// nor where more than kLostMotionShare of either frame is unexplained: a cut or a change of light is no motion.
+// Mends the flows a->b and b->a, all of one size, at `scales` resolutions from the coarsest to the full one, and says
+// whether anything changed. A resolution is left out where images have less than 2 kLostMotionReach to a side, or where
+// more than kLostMotionShare of either frame is unexplained: a cut or a change of light is no motion.
 inline constexpr float kLostMotionShare = 0.15F;
-void RecoverLostMotion(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab, Image<Flow2>& ba);
+bool RecoverLostMotion(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab, Image<Flow2>& ba,
+                       int scales = 1);
 
 }  // namespace depthtween
 

@@ -6,6 +6,7 @@
 
 #include "core/base/parallel.h"
 #include "core/flow/dense_flow.h"
+#include "core/flow/lost_motion.h"
 
 namespace depthtween {
 namespace {
@@ -15,6 +16,9 @@ constexpr float kRoundTripPx = 1.0F, kRoundTripPerPx = 0.02F;
 // Flow smears over silhouettes: matches this near to one count less.
 constexpr int kSmearPx = 3;
 constexpr float kSmearWeight = 0.3F;
+// Between frames of 30 a second, small things go farther than they are wide: what flow loses is looked for at full and
+// at half resolution.
+constexpr int kRecoverScales = 2;
 
 // G / (G + noise) of the luma's gradients around each pixel: what noise could have made determines nothing.
 Image<FlowInformation> Texture(ImageView<const uint8_t> luma, int threads) {
@@ -70,6 +74,14 @@ Image<uint8_t> NearOtherSurfaces(ImageView<const int> labels) {
   return near;
 }
 
+// What was not mended stays what the first search found.
+void KeepUnlessMended(const Image<Flow2>& first, const Image<Flow2>& mended, Image<Flow2>& flow) {
+  for (size_t p = 0; p < flow.pixel_count(); ++p) {
+    const Flow2 was = first.data()[p], is = mended.data()[p];
+    if (was.u == is.u && was.v == is.v) flow.data()[p] = was;
+  }
+}
+
 }  // namespace
 
 absl::StatusOr<FlowMatches> FindFlowMatches(const FramePair& pair, ImageView<const int> labels,
@@ -78,12 +90,21 @@ absl::StatusOr<FlowMatches> FindFlowMatches(const FramePair& pair, ImageView<con
   FlowMatches out;
   constexpr DenseFlowOptions kFlow = {.finest_scale = 0};
   std::array<absl::StatusOr<Image<Flow2>>, 2> flows;
-  ParallelFor(2, pair.threads, [&](int i) {
-    const Image<Flow2>& from = start[i];
-    flows[i] = DenseFlow(i == 0 ? pair.from.luma : pair.to.luma, i == 0 ? pair.to.luma : pair.from.luma, kFlow,
-                         from.empty() ? nullptr : &from);
-  });
+  const auto search = [&](const std::array<Image<Flow2>, 2>& from) {
+    ParallelFor(2, pair.threads, [&](int i) {
+      flows[i] = DenseFlow(i == 0 ? pair.from.luma : pair.to.luma, i == 0 ? pair.to.luma : pair.from.luma, kFlow,
+                           from[i].empty() ? nullptr : &from[i]);
+    });
+  };
+  search(start);
   for (const auto& flow : flows) RETURN_IF_ERROR(flow.status());
+  const std::array<Image<Flow2>, 2> first = {flows[0]->Clone(), flows[1]->Clone()};
+  if (RecoverLostMotion(pair.from.luma, pair.to.luma, *flows[0], *flows[1], kRecoverScales)) {
+    const std::array<Image<Flow2>, 2> mended = {std::move(*flows[0]), std::move(*flows[1])};
+    search(mended);
+    for (const auto& flow : flows) RETURN_IF_ERROR(flow.status());
+    for (int i = 0; i < 2; ++i) KeepUnlessMended(first[i], mended[i], *flows[i]);
+  }
   const Image<Flow2>& forward = *flows[0];
   const Image<Flow2>& backward = *flows[1];
   out.smeared = NearOtherSurfaces(labels);

@@ -11,7 +11,6 @@ namespace depthtween {
 namespace {
 
 constexpr int kWidth = 160, kHeight = 120;
-constexpr int kBallRadius = 7;
 constexpr DenseFlowOptions kFlow{
     .finest_scale = 1, .patch_stride = 4, .descent_iterations = 16, .refinement_iterations = 0};
 
@@ -21,13 +20,13 @@ uint8_t Wall(int x, int y) {
 }
 
 // A spotted ball before a wall that stands still.
-Image<uint8_t> BallAt(int centre_x, int centre_y) {
+Image<uint8_t> BallAt(int centre_x, int centre_y, int radius = 7) {
   Image<uint8_t> image(kWidth, kHeight);
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) {
       const int dx = x - centre_x, dy = y - centre_y;
-      const bool ball = dx * dx + dy * dy <= kBallRadius * kBallRadius;
-      image(x, y) = ball ? static_cast<uint8_t>(210 + 8 * ((dx + 20) / 3 % 3) + 6 * ((dy + 20) / 4 % 3)) : Wall(x, y);
+      const bool ball = dx * dx + dy * dy <= radius * radius;
+      image(x, y) = ball ? static_cast<uint8_t>(210 + 8 * ((dx + 21) / 3 % 3) + 6 * ((dy + 20) / 4 % 3)) : Wall(x, y);
     }
   return image;
 }
@@ -67,6 +66,21 @@ TEST(RecoverLostMotion, FindsABallThatMovesByItsOwnSize) {
     }
 }
 
+// 36 pixels are beyond the reach of the full resolution, and within that of half of it.
+TEST(RecoverLostMotion, ReachesFartherAtHalfResolution) {
+  const Image<uint8_t> a = BallAt(50, 50, 14), b = BallAt(86, 60, 14);
+  Flows flows = FlowsBetween(a, b);
+  ASSERT_GT(Off(flows.ab(50, 50), 36, 10), 4);
+  RecoverLostMotion(a, b, flows.ab, flows.ba);
+  EXPECT_GT(Off(flows.ab(50, 50), 36, 10), 4);
+  EXPECT_TRUE(RecoverLostMotion(a, b, flows.ab, flows.ba, 2));
+  for (int d = -3; d <= 3; ++d) {
+    EXPECT_LE(Off(flows.ab(50 + d, 50 - d), 36, 10), 1.5F) << d;
+    EXPECT_LE(Off(flows.ba(86 + d, 60 - d), -36, -10), 1.5F) << d;
+  }
+  EXPECT_FALSE(RecoverLostMotion(a, a, flows.ab, flows.ba, 0));
+}
+
 // A ball that has gone was seen by one frame alone: nothing of the other's may be taken for it.
 TEST(RecoverLostMotion, LeavesWhatOneFrameAloneSees) {
   const Image<uint8_t> a = BallAt(60, 50), b = BallAt(-100, -100);
@@ -93,7 +107,7 @@ TEST(RecoverLostMotion, LeavesACutAlone) {
 TEST(RecoverLostMotion, LeavesSmallImagesAlone) {
   Image<uint8_t> a(40, 30, uint8_t{10}), b(40, 30, uint8_t{200});
   Image<Flow2> ab(40, 30, Flow2{1, 2}), ba(40, 30, Flow2{-1, -2});
-  RecoverLostMotion(a, b, ab, ba);
+  EXPECT_FALSE(RecoverLostMotion(a, b, ab, ba, 3));
   EXPECT_EQ(ab(20, 15).u, 1);
   EXPECT_EQ(ba(20, 15).v, -2);
 }
