@@ -18,22 +18,9 @@ namespace {
 constexpr float kOutlier2 = 9.0F;
 // A step of the solver that would carry a point through the camera is looked at from here, share of its depth.
 constexpr float kNearest = 0.2F;
-// Keeps the steps of points that nothing holds small: added to the matrix, not to the energy, per footprint and per
-// radian.
-constexpr float kDamping = 1e-4F;
-// What E_reg adds to the matrix for an edge: once as (i, j), once as (j, i).
-constexpr float kRegPair = 2 * kRegJacobian<float> * kRegJacobian<float>;
 
 using Point8 = Triple<Lanes>;
 
-Point8 Load(const Planes& planes, int first, ptrdiff_t at) {
-  return {LoadLanes(planes[first] + at), LoadLanes(planes[first + 1] + at), LoadLanes(planes[first + 2] + at)};
-}
-void Store(Planes& planes, int first, ptrdiff_t at, const Point8& v) {
-  StoreLanes(planes[first] + at, v.x);
-  StoreLanes(planes[first + 1] + at, v.y);
-  StoreLanes(planes[first + 2] + at, v.z);
-}
 double Sum(Lanes v) {
   double sum = 0;
   for (int i = 0; i < kLanes; ++i) sum += v[i];
@@ -145,7 +132,7 @@ double LinearisePoints(const EnergyData& data, const Planes& unknowns, PointBloc
   data.grid.ForEachBlock([&](ptrdiff_t at, int block) {
     sums.Start(block);
     Lanes block_cost{};
-    const Point8 start = Load(data.point, 0, at);
+    const Point8 start = LoadPoint(data.point, 0, at);
     PixelOf<Lanes> seen_before = Project(data.camera, start);
     ProjectionRows<Lanes> rows_before{};
     for (int s = 0; s < frames; ++s) {
@@ -185,7 +172,7 @@ double LinearisePoints(const EnergyData& data, const Planes& unknowns, PointBloc
         add_row(OptiJacobian(image, rows, data.over_opti_sigma), own * robust.weight, r);
       }
       if (s == frames - 1 && !data.partner.empty() && data.weights.point + data.weights.plane > 0) {
-        const Point8 partner = Load(data.partner, 0, at), normal = Load(data.partner, 3, at);
+        const Point8 partner = LoadPoint(data.partner, 0, at), normal = LoadPoint(data.partner, 3, at);
         const Lanes over_point = LoadLanes(data.partner[6] + at), over_plane = LoadLanes(data.partner[7] + at);
         const Point8 r = PointResidual(p, partner, over_point);
         const Robust<Lanes> point = GemanMcClure(Dot(r, r), kOutlier2);
@@ -214,10 +201,10 @@ double LinearisePoints(const EnergyData& data, const Planes& unknowns, PointBloc
     }
     const Lanes over = LoadLanes(data.footprint[0] + at), over2 = over * over * LoadLanes(data.exists[0] + at);
     for (int k = 0; k < rank; ++k) {
-      const Point8 c = Load(unknowns, 3 * k, at);
+      const Point8 c = LoadPoint(unknowns, 3 * k, at);
       Point8 pull{};
       const int nearest = std::max(0, k - 2), end = std::min(rank, k + 3);  // beyond, the form is zero
-      for (int l = nearest; l < end; ++l) pull = pull + form[k * rank + l] * Load(unknowns, 3 * l, at);
+      for (int l = nearest; l < end; ++l) pull = pull + form[k * rank + l] * LoadPoint(unknowns, 3 * l, at);
       pull = over2 * pull;
       sums.AddGradient(k, pull);
       block_cost += Dot(c, pull);
@@ -260,26 +247,26 @@ double LineariseEdges(const EnergyData& data, const Planes& unknowns, Planes& gr
       const auto turn_at = [&](ptrdiff_t at) {
         Point8 w{};
         for (int k = data.basis.First(s); k < data.basis.End(s); ++k)
-          w = w + data.basis(s, k) * Load(unknowns, turns + 3 * k, at);
+          w = w + data.basis(s, k) * LoadPoint(unknowns, turns + 3 * k, at);
         return w;
       };
       grid.ForEachBlock([&](ptrdiff_t at, int) {
-        Store(motion, 0, at, MotionAt(data, unknowns, s, at));
+        StorePoint(motion, 0, at, MotionAt(data, unknowns, s, at));
         const Rotation<Lanes> r = RotationOf(turn_at(at));
-        for (int row = 0; row < 3; ++row) Store(turn, 3 * row, at, r.row[row]);
+        for (int row = 0; row < 3; ++row) StorePoint(turn, 3 * row, at, r.row[row]);
       });
       const auto rotation = [&](ptrdiff_t at) {
-        return Rotation<Lanes>{{Load(turn, 0, at), Load(turn, 3, at), Load(turn, 6, at)}};
+        return Rotation<Lanes>{{LoadPoint(turn, 0, at), LoadPoint(turn, 3, at), LoadPoint(turn, 6, at)}};
       };
       grid.ForEachBlock([&](ptrdiff_t at, int) {
-        const Point8 start = Load(data.point, 0, at), own_motion = Load(motion, 0, at);
+        const Point8 start = LoadPoint(data.point, 0, at), own_motion = LoadPoint(motion, 0, at);
         const Rotation<Lanes> own = rotation(at);
         Point8 force{}, torque{};
         Lanes block_cost{};
         for (const Neighbour& n : neighbours.of) {
           const Lanes weight = data.weights.rigid * LoadLanes(data.strain[n.direction] + at + n.edge_offset);
-          const Point8 edge = start - Load(data.point, 0, at + n.offset);
-          const Point8 moved = own_motion - Load(motion, 0, at + n.offset);
+          const Point8 edge = start - LoadPoint(data.point, 0, at + n.offset);
+          const Point8 moved = own_motion - LoadPoint(motion, 0, at + n.offset);
           const Point8 turned = own * edge;
           const Point8 mine = RigidResidual(moved, edge, turned);
           const Point8 theirs = RigidResidual(moved, edge, rotation(at + n.offset) * edge);
@@ -290,28 +277,28 @@ double LineariseEdges(const EnergyData& data, const Planes& unknowns, Planes& gr
         torque = LeftJacobianTransposed(turn_at(at), torque);
         for (int k = data.basis.First(s); k < data.basis.End(s); ++k) {
           const float b = data.basis(s, k);
-          Store(gradient, 3 * k, at, Load(gradient, 3 * k, at) + b * force);
-          Store(gradient, turns + 3 * k, at, Load(gradient, turns + 3 * k, at) + b * torque);
+          StorePoint(gradient, 3 * k, at, LoadPoint(gradient, 3 * k, at) + b * force);
+          StorePoint(gradient, turns + 3 * k, at, LoadPoint(gradient, turns + 3 * k, at) + b * torque);
         }
         cost += Sum(block_cost);
       });
     }
   }
   grid.ForEachBlock([&](ptrdiff_t at, int) {
-    const Point8 start = Load(data.point, 0, at);
+    const Point8 start = LoadPoint(data.point, 0, at);
     Lanes block_cost{};
     for (int k = 0; k < rank; ++k) {
-      const Point8 own = Load(unknowns, turns + 3 * k, at);
+      const Point8 own = LoadPoint(unknowns, turns + 3 * k, at);
       Point8 sum{};
       for (const Neighbour& n : neighbours.of) {
-        const Point8 edge = start - Load(data.point, 0, at + n.offset);
+        const Point8 edge = start - LoadPoint(data.point, 0, at + n.offset);
         const Lanes weight =
             data.weights.reg * Dot(edge, edge) * LoadLanes(data.strain[n.direction] + at + n.edge_offset);
-        const Point8 r = RegResidual(own, Load(unknowns, turns + 3 * k, at + n.offset));
+        const Point8 r = RegResidual(own, LoadPoint(unknowns, turns + 3 * k, at + n.offset));
         sum = sum + (2 * kRegJacobian<float> * weight) * r;  // once as (i, j), once as (j, i)
         block_cost += weight * Dot(r, r);
       }
-      Store(gradient, turns + 3 * k, at, Load(gradient, turns + 3 * k, at) + sum);
+      StorePoint(gradient, turns + 3 * k, at, LoadPoint(gradient, turns + 3 * k, at) + sum);
     }
     cost += Sum(block_cost);
   });
@@ -363,7 +350,7 @@ void SolveBlock(const PointBlocks& blocks, int block, Lanes* x) {
 Triple<Lanes> MotionAt(const EnergyData& data, const Planes& unknowns, int frame, ptrdiff_t at) {
   Point8 motion{};
   for (int k = data.basis.First(frame); k < data.basis.End(frame); ++k)
-    motion = motion + data.basis(frame, k) * Load(unknowns, 3 * k, at);
+    motion = motion + data.basis(frame, k) * LoadPoint(unknowns, 3 * k, at);
   return motion;
 }
 
@@ -430,12 +417,12 @@ NormalMatrix::NormalMatrix(const EnergyData& data, const Planes& unknowns, const
   const int turns = data.first_turn(), pairs = Pairs(data.basis);
   const bool per_frame = data.basis.per_frame();
   data.grid.ForEachBlock([&](ptrdiff_t at, int block) {
-    const Point8 start = Load(data.point, 0, at);
+    const Point8 start = LoadPoint(data.point, 0, at);
     Lanes stiffness{}, reg{}, spread[6] = {};  // sum of weight e e^T: xx, yx, yy, zx, zy, zz
     for (const Neighbour& n : neighbours.of) {
       const Lanes strain = LoadLanes(data.strain[n.direction] + at + n.edge_offset);
       const Lanes rigid = data.weights.rigid * strain;
-      const Point8 e = start - Load(data.point, 0, at + n.offset), we = rigid * e;
+      const Point8 e = start - LoadPoint(data.point, 0, at + n.offset), we = rigid * e;
       stiffness += rigid;
       reg += kRegPair * data.weights.reg * Dot(e, e) * strain;
       spread[0] += we.x * e.x, spread[1] += we.y * e.x, spread[2] += we.y * e.y;
@@ -451,7 +438,7 @@ NormalMatrix::NormalMatrix(const EnergyData& data, const Planes& unknowns, const
     for (int s = 0; s < static_cast<int>(data.times.size()); ++s) {
       Point8 w{};
       for (int k = data.basis.First(s); k < data.basis.End(s); ++k)
-        w = w + data.basis(s, k) * Load(unknowns, turns + 3 * k, at);
+        w = w + data.basis(s, k) * LoadPoint(unknowns, turns + 3 * k, at);
       const Rotation<Lanes> r = RotationOf(w), j = LeftJacobianOf(w);
       const Point8 columns[3] = {{j.row[0].x, j.row[1].x, j.row[2].x},
                                  {j.row[0].y, j.row[1].y, j.row[2].y},
@@ -508,7 +495,7 @@ double NormalMatrix::ApplyRanked(const Planes& next, float carry, Planes& x, Pla
         Lanes swing[9] = {};
         for (int l = kPerFrame ? k : 0; l < (kPerFrame ? k + 1 : rank); ++l) {
           const Lanes* lever = levers + kLever * PairOf(kPerFrame, k, l);
-          const Point8 w = Load(x, turns + 3 * l, at);
+          const Point8 w = LoadPoint(x, turns + 3 * l, at);
           for (int i = 0; i < 9; ++i) swing[i] += lever[3 * i] * w.x + lever[3 * i + 1] * w.y + lever[3 * i + 2] * w.z;
         }
         for (int i = 0; i < 9; ++i) StoreLanes(swing_[9 * k + i] + at, swing[i]);
@@ -523,14 +510,14 @@ double NormalMatrix::ApplyRanked(const Planes& next, float carry, Planes& x, Pla
     for (int b = 0; b < blocks_per_row; ++b) {
       const int block = y * blocks_per_row + b;
       const ptrdiff_t at = grid.at(b * kLanes, y);
-      const Point8 start = Load(data_.point, 0, at);
+      const Point8 start = LoadPoint(data_.point, 0, at);
       Lanes rigid[8], reg[8];
       Point8 edges[8], edge_sum{};
       for (int i = 0; i < 8; ++i) {
         const Neighbour& n = neighbours.of[i];
         const Lanes strain = LoadLanes(data_.strain[n.direction] + at + n.edge_offset);
         rigid[i] = data_.weights.rigid * strain;
-        const Point8 e = start - Load(data_.point, 0, at + n.offset);
+        const Point8 e = start - LoadPoint(data_.point, 0, at + n.offset);
         reg[i] = kRegPair * data_.weights.reg * Dot(e, e) * strain;
         edges[i] = rigid[i] * e;
         edge_sum = edge_sum + edges[i];
@@ -542,16 +529,16 @@ double NormalMatrix::ApplyRanked(const Planes& next, float carry, Planes& x, Pla
         Point8 force{}, turn_pull{}, bent_x{}, bent_y{}, bent_z{};
         for (int i = 0; i < 8; ++i) {
           const ptrdiff_t there = at + neighbours.of[i].offset;
-          const Point8 moved = own_move - Load(x, move, there);
-          const Rotation<Lanes> swing{
-              {Load(swing_, 9 * k, there), Load(swing_, 9 * k + 3, there), Load(swing_, 9 * k + 6, there)}};
+          const Point8 moved = own_move - LoadPoint(x, move, there);
+          const Rotation<Lanes> swing{{LoadPoint(swing_, 9 * k, there), LoadPoint(swing_, 9 * k + 3, there),
+                                       LoadPoint(swing_, 9 * k + 6, there)}};
           force = force + (2.0F * rigid[i]) * moved - swing * edges[i];
           bent_x = bent_x + moved.x * edges[i], bent_y = bent_y + moved.y * edges[i];
           bent_z = bent_z + moved.z * edges[i];
-          turn_pull = turn_pull + reg[i] * Load(x, turn, there);
+          turn_pull = turn_pull + reg[i] * LoadPoint(x, turn, there);
         }
         const Rotation<Lanes> swing{
-            {Load(swing_, 9 * k, at), Load(swing_, 9 * k + 3, at), Load(swing_, 9 * k + 6, at)}};
+            {LoadPoint(swing_, 9 * k, at), LoadPoint(swing_, 9 * k + 3, at), LoadPoint(swing_, 9 * k + 6, at)}};
         force = force - swing * edge_sum;
         sum[move] = force.x, sum[move + 1] = force.y, sum[move + 2] = force.z;
         sum[turn] = -turn_pull.x, sum[turn + 1] = -turn_pull.y, sum[turn + 2] = -turn_pull.z;

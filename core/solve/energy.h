@@ -20,6 +20,10 @@
 
 namespace depthtween {
 
+// Keeps the steps of points that nothing holds small: added to the matrix, not to the energy, per footprint and per
+// radian.
+constexpr float kDamping = 1e-4F;
+
 // Weights of the terms: pure numbers, since every residual is in units of its own deviation. 0 switches a term off.
 struct TermWeights {
   float opti = 0, point = 0, plane = 0, proj = 0, rigid = 0, reg = 0, shortest = 0;

@@ -10,6 +10,7 @@
 
 #include "core/base/image.h"
 #include "core/base/lanes.h"
+#include "core/solve/triple.h"
 
 namespace depthtween {
 
@@ -52,6 +53,15 @@ class Planes {
 };
 
 inline void StoreLanes(float* p, Lanes v) { std::memcpy(p, &v, sizeof(v)); }
+// Three planes from `first` on.
+inline Triple<Lanes> LoadPoint(const Planes& planes, int first, ptrdiff_t at) {
+  return {LoadLanes(planes[first] + at), LoadLanes(planes[first + 1] + at), LoadLanes(planes[first + 2] + at)};
+}
+inline void StorePoint(Planes& planes, int first, ptrdiff_t at, const Triple<Lanes>& v) {
+  StoreLanes(planes[first] + at, v.x);
+  StoreLanes(planes[first + 1] + at, v.y);
+  StoreLanes(planes[first + 2] + at, v.z);
+}
 
 }  // namespace depthtween
 

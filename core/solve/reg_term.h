@@ -12,6 +12,8 @@ namespace depthtween {
 
 template <typename T>
 constexpr T kRegJacobian = T(1.4142135623730951);  // d(residual)/d(w_i); that with respect to w_j is its negative
+// What it adds to the matrix for an edge: once as (i, j), once as (j, i).
+constexpr float kRegPair = 2 * kRegJacobian<float> * kRegJacobian<float>;
 
 template <typename T>
 Triple<T> RegResidual(const Triple<T>& turn_i, const Triple<T>& turn_j) {

@@ -2,8 +2,9 @@
 //
 // One direction; the caller runs it from both keys. Each point of the key's depth map, one per `step` pixels, gets a
 // trajectory and a rotation in time that together fit the flow, the images, the other key's surface and rigidity around
-// the point (energy.h). Gauss-Newton with a block-Jacobi preconditioned conjugate gradient, matrix-free, from the
-// coarsest level to the finest; what is looked up in images is renewed in each outer iteration.
+// the point (energy.h). Gauss-Newton with conjugate gradients, matrix-free, preconditioned point by point and by rigid
+// pieces (coarse_space.h), from the coarsest level to the finest; what is looked up in images is renewed in each outer
+// iteration.
 //
 // Shapes:   images W x H of the camera; tracks and results on the grid: point (i, j) is pixel (i step, j step).
 // Units:    metres, pixels, intervals.
