@@ -7,9 +7,13 @@
 #include "core/base/parallel.h"
 #include "core/flow/dense_flow.h"
 #include "core/flow/lost_motion.h"
+#include "core/sceneflow/pyramid.h"
+#include "core/sceneflow/range_flow.h"
 
 namespace depthtween {
 namespace {
+
+using FlowBothWays = std::array<Image<Flow2>, 2>;  // forward, backward
 
 // Flow that returns within this many pixels of its start is trusted.
 constexpr float kRoundTripPx = 1.0F, kRoundTripPerPx = 0.02F;
@@ -89,54 +93,78 @@ absl::StatusOr<FlowMatches> FindFlowMatches(const FramePair& pair, ImageView<con
   const int width = pair.rays.width(), height = pair.rays.height();
   FlowMatches out;
   constexpr DenseFlowOptions kFlow = {.finest_scale = 0};
-  std::array<absl::StatusOr<Image<Flow2>>, 2> flows;
-  const auto search = [&](const std::array<Image<Flow2>, 2>& from) {
+  const auto search = [&](const FlowBothWays& from) -> absl::StatusOr<FlowBothWays> {
+    std::array<absl::StatusOr<Image<Flow2>>, 2> flows;
     ParallelFor(2, pair.threads, [&](int i) {
       flows[i] = DenseFlow(i == 0 ? pair.from.luma : pair.to.luma, i == 0 ? pair.to.luma : pair.from.luma, kFlow,
                            from[i].empty() ? nullptr : &from[i]);
     });
-  };
-  search(start);
-  for (const auto& flow : flows) RETURN_IF_ERROR(flow.status());
-  const std::array<Image<Flow2>, 2> first = {flows[0]->Clone(), flows[1]->Clone()};
-  if (RecoverLostMotion(pair.from.luma, pair.to.luma, *flows[0], *flows[1], kRecoverScales)) {
-    const std::array<Image<Flow2>, 2> mended = {std::move(*flows[0]), std::move(*flows[1])};
-    search(mended);
     for (const auto& flow : flows) RETURN_IF_ERROR(flow.status());
-    for (int i = 0; i < 2; ++i) KeepUnlessMended(first[i], mended[i], *flows[i]);
-  }
-  const Image<Flow2>& forward = *flows[0];
-  const Image<Flow2>& backward = *flows[1];
-  out.smeared = NearOtherSurfaces(labels);
+    return FlowBothWays{std::move(*flows[0]), std::move(*flows[1])};
+  };
   const Image<FlowInformation> information = Texture(pair.from.luma, pair.threads);
-  out.matches = Image<PointMatch>(width, height);
-  ParallelRows(height, pair.threads, [&](int first, int last) {
-    for (int y = first; y < last; ++y)
-      for (int x = 0; x < width; ++x) {
-        const float z = pair.from.depth_m(x, y);
-        const Flow2 there = forward(x, y);
-        PointMatch& match = out.matches(x, y);
-        match.point = pair.rays.Point(x, y, z);
-        match.place = {static_cast<float>(x) + there.u, static_cast<float>(y) + there.v};
-        match.depth_m = SampleSurface(pair.to.depth_m, match.place.u, match.place.v, pair.noise);
-        match.depth_sigma_m = pair.noise.At(match.depth_m) + kModelShare * match.depth_m;
-        match.information = information(x, y);
-        match.flow_weight = match.depth_weight = 0.0F;
-        if (!pair.to_rays.Inside(match.place)) continue;
-        const Flow2 back = SampleFlow(backward, match.place.u, match.place.v);
-        const float error = std::hypot(there.u + back.u, there.v + back.v) /
-                            (kRoundTripPx + kRoundTripPerPx * std::hypot(there.u, there.v));
-        match.flow_weight = std::exp(-error * error) / (1.0F + pair.from.distance(x, y));
-        if (out.smeared(x, y) != 0) match.flow_weight *= kSmearWeight;
-        if (std::abs(match.depth_m - z) > kMostDepthChange * z) match.flow_weight = 0.0F;  // met another surface
-        if (match.flow_weight < 0.01F) match.flow_weight = 0.0F;
-        const int nx = std::clamp(static_cast<int>(std::lround(match.place.u)), 0, width - 1);
-        const int ny = std::clamp(static_cast<int>(std::lround(match.place.v)), 0, height - 1);
-        match.depth_weight = match.flow_weight / (1.0F + pair.to.distance(nx, ny));
-      }
-  });
-  start[1] = std::move(*flows[1]);  // what RestartFlow does not replace
+  out.smeared = NearOtherSurfaces(labels);
+  // Of the pixels whose flow is not that of `known`, if given.
+  const auto matches_of = [&](const FlowBothWays& flow, const Image<Flow2>* known) {
+    Image<PointMatch> matches(width, height);
+    ParallelRows(height, pair.threads, [&](int first, int last) {
+      for (int y = first; y < last; ++y)
+        for (int x = 0; x < width; ++x) {
+          const float z = pair.from.depth_m(x, y);
+          const Flow2 there = flow[0](x, y);
+          PointMatch& match = matches(x, y);
+          match.point = pair.rays.Point(x, y, z);
+          match.place = {static_cast<float>(x) + there.u, static_cast<float>(y) + there.v};
+          match.depth_m = SampleSurface(pair.to.depth_m, match.place.u, match.place.v, pair.noise);
+          match.depth_sigma_m = pair.noise.At(match.depth_m) + kModelShare * match.depth_m;
+          match.information = information(x, y);
+          match.flow_weight = match.depth_weight = 0.0F;
+          if (!pair.to_rays.Inside(match.place)) continue;
+          if (known != nullptr && there.u == (*known)(x, y).u && there.v == (*known)(x, y).v) continue;
+          const Flow2 back = SampleFlow(flow[1], match.place.u, match.place.v);
+          const float error = std::hypot(there.u + back.u, there.v + back.v) /
+                              (kRoundTripPx + kRoundTripPerPx * std::hypot(there.u, there.v));
+          match.flow_weight = std::exp(-error * error) / (1.0F + pair.from.distance(x, y));
+          if (out.smeared(x, y) != 0) match.flow_weight *= kSmearWeight;
+          if (std::abs(match.depth_m - z) > kMostDepthChange * z) match.flow_weight = 0.0F;  // met another surface
+          if (match.flow_weight < 0.01F) match.flow_weight = 0.0F;
+          const int nx = std::clamp(static_cast<int>(std::lround(match.place.u)), 0, width - 1);
+          const int ny = std::clamp(static_cast<int>(std::lround(match.place.v)), 0, height - 1);
+          match.depth_weight = match.flow_weight / (1.0F + pair.to.distance(nx, ny));
+        }
+    });
+    return matches;
+  };
+  ASSIGN_OR_RETURN(FlowBothWays flow, search(start));
+  out.matches = matches_of(flow, nullptr);
+  FlowBothWays mended = {flow[0].Clone(), flow[1].Clone()};
+  if (RecoverLostMotion(pair.from.luma, pair.to.luma, mended[0], mended[1], kRecoverScales)) {
+    ASSIGN_OR_RETURN(FlowBothWays again, search(mended));
+    for (int i = 0; i < 2; ++i) KeepUnlessMended(flow[i], mended[i], again[i]);
+    out.found_again = matches_of(again, &flow[0]);
+  }
+  start[1] = std::move(flow[1]);  // what RestartFlow does not replace
   return out;
+}
+
+absl::StatusOr<Image<PointMatch>> FindRangeMatches(const FramePair& pair) {
+  constexpr int kFinestLevel = 1;
+  constexpr float kDepthSigmas = 3.0F;  // of depth's noise: half resolution knows no better
+  const int width = pair.rays.width(), height = pair.rays.height();
+  ASSIGN_OR_RETURN(const RangeField field, RangeFlowCoarseToFine(pair, BuildPyramid(pair), kFinestLevel));
+  Image<PointMatch> matches(width, height);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      PointMatch& match = matches(x, y);
+      const float z = pair.from.depth_m(x, y);
+      match.point = pair.rays.Point(x, y, z);
+      match.place = {static_cast<float>(x) + field.u(x, y), static_cast<float>(y) + field.v(x, y)};
+      match.depth_m = std::max(z + field.w(x, y) * z / pair.rays.focal_px(), kNearestMovedShare * z);
+      match.depth_sigma_m = kDepthSigmas * (pair.noise.At(match.depth_m) + kModelShare * match.depth_m);
+      match.flow_weight = pair.to_rays.Inside(match.place) ? 1.0F / (1.0F + pair.from.distance(x, y)) : 0.0F;
+      match.depth_weight = match.flow_weight;
+    }
+  return matches;
 }
 
 }  // namespace depthtween

@@ -1,4 +1,4 @@
-// Where dense flow says that the points of a frame went.
+// Where dense flow, and range flow, say that the points of a frame went.
 #ifndef DEPTHTWEEN_CORE_SCENEFLOW_FLOW_MATCHES_H_
 #define DEPTHTWEEN_CORE_SCENEFLOW_FLOW_MATCHES_H_
 
@@ -20,12 +20,20 @@ struct FlowMatches {
   // ends, whether a silhouette is near, over which flow smears. Information is what texture determines.
   Image<PointMatch> matches;
   Image<uint8_t> smeared;  // nonzero: another surface is near
+  // The same of motion that flow had lost (core/flow/lost_motion.h), where it was found again; of weight 0 elsewhere.
+  // Empty if nothing was. A pattern that repeats is found where it never went: this only proposes, and has no vote.
+  Image<PointMatch> found_again;
 };
 
 // Flow both ways at the finest scale, forward and backward from `start` where that is not empty; leaves the backward
 // flow in start[1]. `labels` as of LabelSurfaces(pair.from.depth_m). Errors: what DenseFlow returns.
 absl::StatusOr<FlowMatches> FindFlowMatches(const FramePair& pair, ImageView<const int> labels,
                                             std::array<Image<Flow2>, 2>& start);
+
+// A second opinion of every pixel: range flow, coarse to fine down to half resolution. Smooth along surfaces and led by
+// their depth, it follows limbs and cloth on which dense flow breaks; it drags along what a surface hides, and sees no
+// small thing that goes far. Cancelled when `pair.stop` fires.
+absl::StatusOr<Image<PointMatch>> FindRangeMatches(const FramePair& pair);
 
 }  // namespace depthtween
 

@@ -1,7 +1,6 @@
 #include "core/sceneflow/pd_flow.h"
 
-#include <utility>
-#include <vector>
+#include <algorithm>
 
 #include "core/sceneflow/pyramid.h"
 #include "core/sceneflow/range_flow.h"
@@ -9,19 +8,7 @@
 namespace depthtween {
 
 absl::StatusOr<SceneFlow> PrimalDualFlow(const FramePair& pair) {
-  const std::vector<PyramidLevel> levels = BuildPyramid(pair);
-  RangeField field;
-  for (auto level = levels.rbegin(); level != levels.rend(); ++level) {
-    if (pair.stop.stop_requested()) return absl::CancelledError("stopped on request");
-    const int width = level->rays->width(), height = level->rays->height();
-    if (field.u.empty())
-      field = ZeroRangeField(width, height);
-    else
-      field = {Enlarge(field.u, width, height, 2.0F), Enlarge(field.v, width, height, 2.0F),
-               Enlarge(field.w, width, height, 2.0F)};
-    SolveRangeFlow(*level, TiesAlongSurface(*level->rays, level->from.depth_m), Image<float>(width, height, 1.0F),
-                   ZeroRangeField(width, height), pair.noise, {}, pair.threads, field);
-  }
+  ASSIGN_OR_RETURN(const RangeField field, RangeFlowCoarseToFine(pair, BuildPyramid(pair), 0));
   SceneFlow out = EmptySceneFlow(pair.rays.width(), pair.rays.height());
   for (int y = 0; y < pair.rays.height(); ++y)
     for (int x = 0; x < pair.rays.width(); ++x) {

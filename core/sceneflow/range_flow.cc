@@ -200,4 +200,23 @@ void SolveRangeFlow(const PyramidLevel& level, const SurfaceTies& ties, ImageVie
   Solver(level, ties, trust, reference, noise, options, threads).Run(field);
 }
 
+absl::StatusOr<RangeField> RangeFlowCoarseToFine(const FramePair& pair, const std::vector<PyramidLevel>& levels,
+                                                 int finest) {
+  RangeField field;
+  for (int i = static_cast<int>(levels.size()) - 1; i >= 0; --i) {
+    if (pair.stop.stop_requested()) return absl::CancelledError("stopped on request");
+    const PyramidLevel& level = levels[i];
+    const int width = level.rays->width(), height = level.rays->height();
+    if (field.u.empty())
+      field = ZeroRangeField(width, height);
+    else
+      field = {Enlarge(field.u, width, height, 2.0F), Enlarge(field.v, width, height, 2.0F),
+               Enlarge(field.w, width, height, 2.0F)};
+    if (i < finest) continue;
+    SolveRangeFlow(level, TiesAlongSurface(*level.rays, level.from.depth_m), Image<float>(width, height, 1.0F),
+                   ZeroRangeField(width, height), pair.noise, {}, pair.threads, field);
+  }
+  return field;
+}
+
 }  // namespace depthtween

@@ -11,7 +11,10 @@
 #ifndef DEPTHTWEEN_CORE_SCENEFLOW_RANGE_FLOW_H_
 #define DEPTHTWEEN_CORE_SCENEFLOW_RANGE_FLOW_H_
 
+#include <vector>
+
 #include "core/base/image.h"
+#include "core/base/status.h"
 #include "core/sceneflow/pyramid.h"
 
 namespace depthtween {
@@ -33,6 +36,11 @@ struct RangeFlowOptions {
 void SolveRangeFlow(const PyramidLevel& level, const SurfaceTies& ties, ImageView<const float> trust,
                     const RangeField& reference, const DepthNoise& noise, const RangeFlowOptions& options, int threads,
                     RangeField& field);
+
+// From standing still at the coarsest level down to `finest`, one of `levels`; coarser than 0, the result is enlarged.
+// The field is of the size of levels[0], in its pixels. Cancelled when `pair.stop` fires.
+absl::StatusOr<RangeField> RangeFlowCoarseToFine(const FramePair& pair, const std::vector<PyramidLevel>& levels,
+                                                 int finest);
 
 }  // namespace depthtween
 

@@ -42,10 +42,12 @@ class Estimator {
     to_image_ = ToFloats(pair_.to.color);
     from_range_ = RangeAround(pair_.from.depth_m);
     to_range_ = RangeAround(pair_.to.depth_m);
+    ASSIGN_OR_RETURN(const Image<PointMatch> range_matches, FindRangeMatches(pair_));
     for (int round = 0; round < kRounds; ++round) {
       if (pair_.stop.stop_requested()) return absl::CancelledError("stopped on request");
       ASSIGN_OR_RETURN(flow_, FindFlowMatches(pair_, labels_, start_));
-      windows_ = FitSurfaceWindows(pair_, labels_, from_image_, to_image_, flow_.matches);
+      const std::array<const Image<PointMatch>*, 2> proposals = {&range_matches, &flow_.found_again};
+      windows_ = FitSurfaceWindows(pair_, labels_, from_image_, to_image_, flow_.matches, proposals);
       if (pair_.stop.stop_requested()) return absl::CancelledError("stopped on request");
       Choose();
       for (const int stride : {12, 5, 2, 1}) AskNeighbours(stride);
@@ -133,8 +135,9 @@ class Estimator {
   Choice ChooseAt(int x, int y) const {
     const ColorPatch patch(from_image_, labels_, x, y);
     Choice best{.cost = kWorstCost, .hidden = true};
-    const auto propose = [&](const RigidMotion& motion, float penalty) {
+    const auto propose = [&](const RigidMotion& motion, float penalty, bool seen_only = false) {
       const Verdict verdict = Judge(patch, x, y, motion, best.cost - penalty);
+      if (seen_only && verdict.hidden) return;
       if (verdict.cost + penalty < best.cost) best = {motion, verdict.cost + penalty, penalty, verdict.hidden};
     };
     if (surface_pixels_[labels_(x, y)] < kSpeckPixels)
@@ -148,7 +151,8 @@ class Estimator {
       if (nearest == nullptr || far(window) < far(*nearest)) nearest = &window;
     });
     if (nearest != nullptr)
-      for (const Window::Candidate& candidate : nearest->candidates) propose(candidate.motion, candidate.penalty);
+      for (const Window::Candidate& candidate : nearest->candidates)
+        propose(candidate.motion, candidate.penalty, candidate.seen_only);
     const PointMatch& own = flow_.matches(x, y);
     if (own.flow_weight > 0.0F)
       propose(RigidMotion::Translation(FoundPoint(pair_, own) - own.point),

@@ -28,6 +28,7 @@ constexpr int kMostSearchPx = 100;
 constexpr float kBadBlock = 0.36F;     // an explanation worse than this is worth a search,
 constexpr float kBlockMargin = 0.10F;  // which must be better by this
 constexpr float kGoodBlock = 0.22F;    // and good
+constexpr float kFarCost = 0.1F;       // of places as good the nearer one: what has no texture is like itself anywhere
 
 constexpr int kAdoptionRounds = 40;  // how many cells a motion may travel along its surface
 constexpr int kMostDominant = 5;
@@ -36,7 +37,11 @@ constexpr float kDominantShare = 0.01F;  // of all matches
 constexpr float kColorScale = 40.0F;     // sum over channels; window pixels that differ by it count half
 
 // What a motion must be better by, the less it is shared.
-constexpr float kDominantPenalty = 0.01F, kLargePenalty = 0.02F, kSmallPenalty = 0.04F, kSearchedPenalty = 0.03F;
+constexpr float kDominantPenalty = 0.01F, kLargePenalty = 0.02F, kSmallPenalty = 0.04F, kSearchedPenalty = 0.03F,
+                kProposedPenalty = 0.04F;
+// A window that something explains better than this takes no proposal: being hidden costs less, and what is hidden
+// range flow drags along.
+constexpr float kExplained = 0.5F;
 // Of leading elsewhere than the matches that texture determines; and how far a candidate may be from the best.
 constexpr float kDisagreeCost = 0.30F, kMostWindowCost = 0.25F;
 // Of leaving the motion that the surface follows as a whole.
@@ -46,18 +51,24 @@ constexpr float kFarthestShare = 0.4F;  // of the picture's longer side
 // Starts are translations of one pixel each, with its noise.
 constexpr RigidFitOptions kWindowFit = {.flow_sigma_px = 0.3F};
 constexpr RigidFitOptions kStartFit = {.flow_sigma_px = 0.6F};
+constexpr RigidFitOptions kProposalFit = {.flow_sigma_px = 0.6F}, kProposalStartFit = {.flow_sigma_px = 1.0F};
+// For a proposal; what agrees with it is looked at again.
+constexpr size_t kFewestProposals = 4;
+constexpr float kLeastProposalSupport = 1.0F;
 
 int ColorDifference(Rgb8 a, Rgb8 b) { return std::abs(a.r - b.r) + std::abs(a.g - b.g) + std::abs(a.b - b.b); }
 
 class Fitter {
  public:
   Fitter(const FramePair& pair, ImageView<const int> labels, ImageView<const Color4> from_image,
-         ImageView<const Color4> to_image, const Image<PointMatch>& matches)
+         ImageView<const Color4> to_image, const Image<PointMatch>& matches,
+         std::span<const Image<PointMatch>* const> proposals)
       : pair_(pair),
         labels_(labels),
         from_image_(from_image),
         to_image_(to_image),
         matches_(matches),
+        proposals_(proposals),
         width_(labels.width()),
         height_(labels.height()),
         small_(kSmall, width_, height_),
@@ -73,6 +84,10 @@ class Fitter {
     AdoptMotions(large_);
     AdoptMotions(small_);
     ShareSurfaces();
+    ForWindows(small_, [&](Window& window) {
+      for (const Image<PointMatch>* const matches : proposals_)
+        if (!matches->empty()) Propose(*matches, window);
+    });
     ForWindows(small_, [&](Window& window) { Search(window); });
     ForWindows(small_, [&](Window& window) { ListCandidates(window); });
     return {std::move(dominant_), std::move(small_), std::move(alone_cost_)};
@@ -103,7 +118,8 @@ class Fitter {
     return windows;
   }
 
-  std::vector<PointMatch> MatchesOf(const WindowScale& scale, const Window& window) const {
+  std::vector<PointMatch> MatchesOf(const Image<PointMatch>& all, const WindowScale& scale,
+                                    const Window& window) const {
     std::vector<PointMatch> matches;
     const Rgb8 color = pair_.from.color(window.x, window.y);
     const float spread = 1.0F / (0.5F * static_cast<float>(scale.radius * scale.radius));
@@ -112,7 +128,7 @@ class Fitter {
       for (int dx = -scale.radius / scale.step * scale.step; dx <= scale.radius; dx += scale.step) {
         const int x = window.x + dx, y = window.y + dy;
         if (!labels_.Contains(x, y) || labels_(x, y) != window.label) continue;
-        PointMatch match = matches_(x, y);
+        PointMatch match = all(x, y);
         if (!(match.flow_weight > 0.0F)) continue;
         const float unlike = static_cast<float>(ColorDifference(color, pair_.from.color(x, y))) / kColorScale;
         const float weight = std::exp(-spread * static_cast<float>(dx * dx + dy * dy)) / (1.0F + unlike * unlike);
@@ -133,12 +149,32 @@ class Fitter {
   }
 
   void Fit(const WindowScale& scale, Window& window) const {
-    const std::vector<PointMatch> matches = MatchesOf(scale, window);
+    const std::vector<PointMatch> matches = MatchesOf(matches_, scale, window);
     if (matches.empty()) return;
-    std::vector<RigidMotion> starts = dominant_;
+    const RigidFit fit = BestFit(matches, matches_(window.x, window.y), dominant_, kStartFit, kWindowFit);
+    if (!(fit.support > 0.0F)) return;
+    window.motion = fit.motion;
+    window.support = fit.support;
+    window.speaks = fit.support >= kFewestMatches && Agreed(fit, window);
+  }
+
+  void Propose(const Image<PointMatch>& all, Window& window) const {
+    const std::vector<PointMatch> matches = MatchesOf(all, small_.scale(), window);
+    if (matches.size() < kFewestProposals) return;
+    const RigidFit fit = BestFit(matches, all(window.x, window.y), {}, kProposalStartFit, kProposalFit);
+    if (fit.support >= kLeastProposalSupport && Agreed(fit, window)) window.proposed.push_back(fit.motion);
+  }
+
+  bool Agreed(const RigidFit& fit, const Window& window) const {
+    return fit.support >= kLeastAgreement * fit.possible &&
+           Plausible(pair_, window.x, window.y, fit.motion * matches_(window.x, window.y).point);
+  }
+
+  // From the start that most of a window's matches support, `own` being that of its pixel; of support 0 if none do.
+  RigidFit BestFit(std::span<const PointMatch> matches, const PointMatch& own, std::vector<RigidMotion> starts,
+                   const RigidFitOptions& start_options, const RigidFitOptions& options) const {
     starts.push_back(RigidMotion());
     // The window's own pixel, and a few spread over it.
-    const PointMatch& own = matches_(window.x, window.y);
     if (own.flow_weight > 0.0F) starts.push_back(RigidMotion::Translation(FoundPoint(pair_, own) - own.point));
     constexpr size_t kSpread = 6;
     for (size_t i = 0; i < kSpread; ++i) {
@@ -147,15 +183,10 @@ class Fitter {
     }
     RigidFit best;
     for (const RigidMotion& start : starts) {
-      const RigidFit fit = Support(pair_.to_rays, matches, start, kStartFit);
+      const RigidFit fit = Support(pair_.to_rays, matches, start, start_options);
       if (fit.support > best.support) best = fit;
     }
-    if (!(best.support > 0.0F)) return;
-    best = FitRigidMotion(pair_.to_rays, matches, best.motion, kWindowFit);
-    window.motion = best.motion;
-    window.support = best.support;
-    window.speaks = best.support >= kFewestMatches && best.support >= kLeastAgreement * best.possible &&
-                    Plausible(pair_, window.x, window.y, best.motion * matches_(window.x, window.y).point);
+    return best.support > 0.0F ? FitRigidMotion(pair_.to_rays, matches, best.motion, options) : best;
   }
 
   // Pixels of a window's surface, for comparing blocks.
@@ -253,18 +284,20 @@ class Fitter {
     float best = window.speaks ? MotionCost(block, window.motion) : kMostBlockCost;
     for (const RigidMotion& motion : dominant_) best = std::min(best, MotionCost(block, motion));
     if (best < kBadBlock) return;
-    best = std::min(best - kBlockMargin, kGoodBlock);
-    std::pair<int, int> found = {0, 0};
-    bool any = false;
-    const auto look = [&](int du, int dv) {
-      const float cost = ShiftCost(block, du, dv);
-      if (cost < best) best = cost, found = {du, dv}, any = true;
-    };
+    const float good = std::min(best - kBlockMargin, kGoodBlock);
     const int reach =
         std::min(static_cast<int>(kSearchShare * static_cast<float>(std::max(width_, height_))), kMostSearchPx);
+    float least = std::numeric_limits<float>::max();
+    std::pair<int, int> found = {0, 0};
+    const auto look = [&](int du, int dv) {
+      const float far =
+          kFarCost * std::hypot(static_cast<float>(du), static_cast<float>(dv)) / static_cast<float>(reach);
+      const float cost = ShiftCost(block, du, dv);
+      if (cost < good && cost + far < least) least = cost + far, found = {du, dv};
+    };
     for (int dv = -reach; dv <= reach; dv += 2)
       for (int du = -reach; du <= reach; du += 2) look(du, dv);
-    if (!any) return;
+    if (least == std::numeric_limits<float>::max()) return;
     const auto [u, v] = found;
     for (int dv = -1; dv <= 1; ++dv)
       for (int du = -1; du <= 1; ++du) look(u + du, v + dv);
@@ -301,13 +334,16 @@ class Fitter {
   // Of all motions known around a window, those that explain it nearly as well as the best does.
   void ListCandidates(Window& window) const {
     const Block block = BlockOf(window);
-    const std::vector<PointMatch> matches = MatchesOf(small_.scale(), window);
+    const std::vector<PointMatch> matches = MatchesOf(matches_, small_.scale(), window);
     std::vector<Window::Candidate> all;
-    const auto propose = [&](const RigidMotion& motion, float penalty) {
+    float least = std::numeric_limits<float>::max();
+    const auto propose = [&](const RigidMotion& motion, float penalty, bool seen_only = false) {
       const RigidFit fit = Support(pair_.to_rays, matches, motion, kWindowFit);
       const float disagree = fit.possible > 0.0F ? 1.0F - fit.support / fit.possible : 0.0F;
       const float heard = std::min(fit.possible / kFewestMatches, 1.0F);
-      all.push_back({motion, penalty + MotionCost(block, motion) + kDisagreeCost * heard * disagree});
+      const float cost = penalty + MotionCost(block, motion) + kDisagreeCost * heard * disagree;
+      all.push_back({motion, cost, seen_only});
+      least = std::min(least, cost);
     };
     const float alone = alone_cost_[window.label];
     for (size_t i = 0; i < dominant_.size(); ++i)
@@ -321,6 +357,11 @@ class Fitter {
     };
     from(large_, kLargePenalty);
     from(small_, kSmallPenalty);
+    if (least > kExplained)
+      small_.ForNeighbours(window.x, window.y, [&](const Window& other) {
+        if (other.label != window.label) return;
+        for (const RigidMotion& motion : other.proposed) propose(motion, kProposedPenalty + alone, true);
+      });
     if (all.empty()) propose(RigidMotion(), 0.0F);
     std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.penalty < b.penalty; });
     const float best = all.front().penalty;
@@ -328,7 +369,7 @@ class Fitter {
     for (const Window::Candidate& candidate : all) {
       const float more = candidate.penalty - best;
       if (window.candidates.size() == kMostCandidates || more > kMostWindowCost) break;
-      window.candidates.push_back({candidate.motion, kWindowShare * more});
+      window.candidates.push_back({candidate.motion, kWindowShare * more, candidate.seen_only});
     }
   }
 
@@ -395,6 +436,7 @@ class Fitter {
   const ImageView<const int> labels_;
   const ImageView<const Color4> from_image_, to_image_;
   const Image<PointMatch>& matches_;
+  const std::span<const Image<PointMatch>* const> proposals_;
   const int width_, height_;
   int surface_count_ = 0;
   WindowGrid small_, large_;
@@ -414,8 +456,9 @@ bool Plausible(const FramePair& pair, int x, int y, const Float3& moved) {
 }
 
 SurfaceWindows FitSurfaceWindows(const FramePair& pair, ImageView<const int> labels, ImageView<const Color4> from_image,
-                                 ImageView<const Color4> to_image, const Image<PointMatch>& matches) {
-  return Fitter(pair, labels, from_image, to_image, matches).Run();
+                                 ImageView<const Color4> to_image, const Image<PointMatch>& matches,
+                                 std::span<const Image<PointMatch>* const> proposals) {
+  return Fitter(pair, labels, from_image, to_image, matches, proposals).Run();
 }
 
 }  // namespace depthtween

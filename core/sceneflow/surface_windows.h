@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/base/image.h"
@@ -32,11 +33,13 @@ struct Window {
   float support = 0.0F;
   bool speaks = false;  // for itself, or by a neighbour on its surface
   std::optional<RigidMotion> searched;
+  std::vector<RigidMotion> proposed;  // of the small ones: fitted to matches that only propose
 
   // Of the small ones: motions that may be those of its pixels, and what each costs more than the best of them.
   struct Candidate {
     RigidMotion motion;
     float penalty = 0.0F;
+    bool seen_only = false;  // not of pixels that it would hide: what only proposes knows nothing of those
   };
   std::vector<Candidate> candidates;
 };
@@ -77,10 +80,12 @@ struct SurfaceWindows {
   std::vector<float> alone_cost;      // by surface: of leaving the motion that it follows as a whole
 };
 
-// Fits windows to matches; see rigid_windows.h. `labels` as of LabelSurfaces, colours as of ToFloats. Uses up to
+// Fits windows to matches; see rigid_windows.h. `proposals` are further matches, each empty or W x H, whose motions
+// windows may take that nothing else explains. `labels` as of LabelSurfaces, colours as of ToFloats. Uses up to
 // pair.threads threads; the result does not depend on how many.
 SurfaceWindows FitSurfaceWindows(const FramePair& pair, ImageView<const int> labels, ImageView<const Color4> from_image,
-                                 ImageView<const Color4> to_image, const Image<PointMatch>& matches);
+                                 ImageView<const Color4> to_image, const Image<PointMatch>& matches,
+                                 std::span<const Image<PointMatch>* const> proposals);
 
 // Where a match says that a pixel's point went.
 inline Float3 FoundPoint(const FramePair& pair, const PointMatch& match) {
