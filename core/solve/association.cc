@@ -11,6 +11,7 @@ constexpr float kLayerShare = 0.1F;
 constexpr float kLeastCosine = 0.7071F;  // 45 degrees
 constexpr int kColorGate = 40;           // largest difference of a channel, sRGB units
 constexpr int kWindowRadius = 1;         // pixels
+constexpr int kClosestRadius = 5;        // pixels
 
 }  // namespace
 
@@ -40,6 +41,28 @@ std::optional<Partner> FindPartner(const PartnerSurface& surface, const Triple<f
         if (std::optional<Partner> partner = try_at(seen.u + static_cast<float>(dx), seen.v + static_cast<float>(dy)))
           return partner;
   return std::nullopt;
+}
+
+std::optional<Partner> ClosestPartner(const PartnerSurface& surface, const Triple<float>& point) {
+  if (!(point.z > 0)) return std::nullopt;
+  const PixelOf<float> ideal = Project(surface.pixels->pinhole(), point);
+  const PixelOf<float> seen = surface.pixels->Seen(ideal.u, ideal.v);
+  const int x0 = static_cast<int>(std::floor(seen.u + 0.5F)), y0 = static_cast<int>(std::floor(seen.v + 0.5F));
+  std::optional<Partner> closest;
+  float least = 0;
+  int closest_x = 0, closest_y = 0;
+  for (int y = y0 - kClosestRadius; y <= y0 + kClosestRadius; ++y)
+    for (int x = x0 - kClosestRadius; x <= x0 + kClosestRadius; ++x) {
+      if (!surface.depth_m.Contains(x, y) || !(surface.depth_m(x, y) > 0)) continue;
+      const Triple<float> q =
+          surface.pixels->PointAt(static_cast<float>(x), static_cast<float>(y), surface.depth_m(x, y));
+      const float distance2 = Dot(q - point, q - point);
+      if (closest && distance2 >= least) continue;
+      closest = Partner{.point = q}, least = distance2, closest_x = x, closest_y = y;
+    }
+  if (closest)
+    closest->normal = NormalAt(surface.depth_m, *surface.pixels, closest_x, closest_y, surface.reach, surface.noise);
+  return closest;
 }
 
 }  // namespace depthtween

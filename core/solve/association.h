@@ -32,6 +32,10 @@ struct Partner {
 std::optional<Partner> FindPartner(const PartnerSurface& surface, const Triple<float>& predicted,
                                    const Triple<float>& normal, Rgb8 color);
 
+// As printed: the point of the other key closest to `point`, which is where it was in this one. Looked for within five
+// pixels of where that is seen.
+std::optional<Partner> ClosestPartner(const PartnerSurface& surface, const Triple<float>& point);
+
 }  // namespace depthtween
 
 #endif  // DEPTHTWEEN_CORE_SOLVE_ASSOCIATION_H_

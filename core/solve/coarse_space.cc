@@ -323,7 +323,8 @@ void CoarseSpace::AddEdges(const Cell& cell) {
       const Lanes strain = KeepLanes(Cell::Within(x, first, end), LoadLanes(data_.strain[d] + at));
       const Point8 q = LoadPoint(data_.point, 0, at + dy * data_.grid.stride() + dx) - middle;
       const Point8 edge = p - q, both = p + q;
-      const Lanes rigid = data_.weights.rigid * strain, reg = kRegPair * data_.weights.reg * Dot(edge, edge) * strain;
+      const Lanes rigid = data_.weights.rigid * strain,
+                  reg = kRegPair * data_.weights.reg * RegArea(data_, edge) * strain;
       const Lanes sums[kEdgeSums] = {2.0F * rigid,
                                      rigid * both.x,
                                      rigid * both.y,

@@ -14,8 +14,6 @@
 namespace depthtween {
 namespace {
 
-// Residuals beyond this many deviations (squared) pull no more: outliers of flow and of association.
-constexpr float kOutlier2 = 9.0F;
 // A step of the solver that would carry a point through the camera is looked at from here, share of its depth.
 constexpr float kNearest = 0.2F;
 
@@ -118,7 +116,7 @@ std::vector<float> ShortForm(const EnergyData& data) {
       add(data.weights.shortest * over2);
     }
     for (int k = 0; k < rank; ++k) row[k] = basis(s, k) - basis(s - 1, k);
-    add(data.weights.shortest * kPrintedShortShare);
+    add(data.weights.shortest * data.steps_share);
   }
   return form;
 }
@@ -154,7 +152,7 @@ double LinearisePoints(const EnergyData& data, const Planes& unknowns, PointBloc
         const PixelOf<Lanes> track{LoadLanes(frame.track[0] + at), LoadLanes(frame.track[1] + at)};
         const Lanes own = data.weights.proj * LoadLanes(frame.track[2] + at);
         const PixelOf<Lanes> r = TrackResidual(seen, track, frame.over_track_sigma);
-        const Robust<Lanes> robust = GemanMcClure(r.u * r.u + r.v * r.v, kOutlier2);
+        const Robust<Lanes> robust = GemanMcClure(r.u * r.u + r.v * r.v, data.outlier2);
         const ProjectionRows<Lanes> j = ProjJacobian(rows, frame.over_track_sigma);
         block_cost += own * robust.cost;
         add_row(j.u, own * robust.weight, r.u);
@@ -175,13 +173,13 @@ double LinearisePoints(const EnergyData& data, const Planes& unknowns, PointBloc
         const Point8 partner = LoadPoint(data.partner, 0, at), normal = LoadPoint(data.partner, 3, at);
         const Lanes over_point = LoadLanes(data.partner[6] + at), over_plane = LoadLanes(data.partner[7] + at);
         const Point8 r = PointResidual(p, partner, over_point);
-        const Robust<Lanes> point = GemanMcClure(Dot(r, r), kOutlier2);
+        const Robust<Lanes> point = GemanMcClure(Dot(r, r), data.outlier2);
         const Lanes point_weight = data.weights.point * over_point * over_point * point.weight;
         block_cost += data.weights.point * point.cost;
         a[0] += point_weight, a[2] += point_weight, a[5] += point_weight;
         g = g + point_weight * (p - partner);
         const Lanes distance = PlaneResidual(p, partner, normal, over_plane);
-        const Robust<Lanes> plane = GemanMcClure(distance * distance, kOutlier2);
+        const Robust<Lanes> plane = GemanMcClure(distance * distance, data.outlier2);
         block_cost += data.weights.plane * plane.cost;
         add_row(PlaneJacobian(normal, over_plane), data.weights.plane * plane.weight, distance);
       }
@@ -190,7 +188,7 @@ double LinearisePoints(const EnergyData& data, const Planes& unknowns, PointBloc
         const PixelOf<Lanes> flow{LoadLanes(frame.step[0] + at), LoadLanes(frame.step[1] + at)};
         const Lanes own = data.weights.proj * LoadLanes(frame.step[2] + at);
         const PixelOf<Lanes> r = StepResidual(seen_before, seen, flow, frame.over_step_sigma);
-        const Robust<Lanes> robust = GemanMcClure(r.u * r.u + r.v * r.v, kOutlier2);
+        const Robust<Lanes> robust = GemanMcClure(r.u * r.u + r.v * r.v, data.outlier2);
         const ProjectionRows<Lanes> now = ProjJacobian(rows, frame.over_step_sigma);
         const ProjectionRows<Lanes> before = ProjJacobian(rows_before, -frame.over_step_sigma);
         block_cost += own * robust.cost;
@@ -293,7 +291,7 @@ double LineariseEdges(const EnergyData& data, const Planes& unknowns, Planes& gr
       for (const Neighbour& n : neighbours.of) {
         const Point8 edge = start - LoadPoint(data.point, 0, at + n.offset);
         const Lanes weight =
-            data.weights.reg * Dot(edge, edge) * LoadLanes(data.strain[n.direction] + at + n.edge_offset);
+            data.weights.reg * RegArea(data, edge) * LoadLanes(data.strain[n.direction] + at + n.edge_offset);
         const Point8 r = RegResidual(own, LoadPoint(unknowns, turns + 3 * k, at + n.offset));
         sum = sum + (2 * kRegJacobian<float> * weight) * r;  // once as (i, j), once as (j, i)
         block_cost += weight * Dot(r, r);
@@ -424,7 +422,7 @@ NormalMatrix::NormalMatrix(const EnergyData& data, const Planes& unknowns, const
       const Lanes rigid = data.weights.rigid * strain;
       const Point8 e = start - LoadPoint(data.point, 0, at + n.offset), we = rigid * e;
       stiffness += rigid;
-      reg += kRegPair * data.weights.reg * Dot(e, e) * strain;
+      reg += kRegPair * data.weights.reg * RegArea(data, e) * strain;
       spread[0] += we.x * e.x, spread[1] += we.y * e.x, spread[2] += we.y * e.y;
       spread[3] += we.z * e.x, spread[4] += we.z * e.y, spread[5] += we.z * e.z;
     }
@@ -518,7 +516,7 @@ double NormalMatrix::ApplyRanked(const Planes& next, float carry, Planes& x, Pla
         const Lanes strain = LoadLanes(data_.strain[n.direction] + at + n.edge_offset);
         rigid[i] = data_.weights.rigid * strain;
         const Point8 e = start - LoadPoint(data_.point, 0, at + n.offset);
-        reg[i] = kRegPair * data_.weights.reg * Dot(e, e) * strain;
+        reg[i] = kRegPair * data_.weights.reg * RegArea(data_, e) * strain;
         edges[i] = rigid[i] * e;
         edge_sum = edge_sum + edges[i];
       }

@@ -6,6 +6,8 @@
 //     + rigid sum_j strain_ij |rigid_ij|^2  +  reg sum_j strain_ij |e_ij|^2 |reg_ij|^2   (8 neighbours j)
 //     + short (|acceleration|^2 + 1e-3 |step|^2)
 //
+// rho, the strain in place of metres, and what E_short penalises can be as the paper prints them: PrintedChoices.
+//
 // Each residual has a header of its own (*_term.h). Unknowns: for each point `rank` coefficients of its motion c
 // (metres) and of its rotation vector w (radians); see time_basis.h. Everything that is looked up in images is frozen
 // in an EnergyData between two associations, so that this is a closed function which tests can hand to another solver.
@@ -15,6 +17,7 @@
 #include <vector>
 
 #include "core/solve/planes.h"
+#include "core/solve/short_term.h"
 #include "core/solve/time_basis.h"
 #include "core/solve/triple.h"
 
@@ -46,6 +49,10 @@ struct EnergyData {
   TermWeights weights;
   float over_opti_sigma = 0;          // 1/colour
   float over_acceleration_sigma = 0;  // interval^2/pixels
+  float outlier2 = 9;                 // of E_point, E_plane, E_proj: squared deviations from where on residuals pull no
+                                      // more; infinite: squares without a kernel
+  float steps_share = kPrintedShortShare;  // of |step|^2 in E_short
+  bool in_metres = false;                  // `strain` is 1/m^2 for edges of any length, and counts in E_reg as it is
   // Planes.
   Planes point;   // x, y, z in the key, metres; (0, 0, 1) where there is none
   Planes exists;  // 1 or 0
@@ -59,6 +66,12 @@ struct EnergyData {
   int unknowns() const { return 6 * rank(); }
   int first_turn() const { return 3 * rank(); }
 };
+
+// What the strain of an edge is multiplied by in E_reg, m^2.
+template <typename T>
+T RegArea(const EnergyData& data, const Triple<T>& edge) {
+  return data.in_metres ? T{} + Scalar<T>(1) : Dot(edge, edge);
+}
 
 // Symmetric positive definite blocks, one for each point, of which a band is stored.
 class PointBlocks {

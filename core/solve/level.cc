@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "core/flow/dense_flow.h"
 #include "core/solve/occlusion.h"
@@ -35,6 +36,12 @@ float PlaneWeight(const Triple<float>& a, const Triple<float>& normal_a, const T
   const float z = std::min(a.z, b.z);
   const float sigma = kPlaneSigmas * std::max(spacing_px * z / focal_px, noise.At(z));
   return std::exp(-(deviation * deviation) / (sigma * sigma));
+}
+
+// w_d w_c as printed, of a squared distance in metres and one of colours in [0, 1]: sigma_d = 0.015, and sigma_c = 1 on
+// the scale on which brightness has sigma_2 = 20.
+float PrintedCoherence(float length2, float color2) {
+  return std::exp(-length2 / (0.015F * 0.015F) - 255.0F * 255.0F * color2);
 }
 
 constexpr int kForward[4][2] = {{1, 0}, {0, 1}, {1, 1}, {-1, 1}};  // as EnergyData::strain stores edges
@@ -86,7 +93,7 @@ Evidence GatherEvidence(const SolveProblem& problem, const SolveOptions& options
       evidence.point(i, j) = pixels.PointAt(static_cast<float>(i * step), static_cast<float>(j * step), z);
       evidence.normal(i, j) = NormalAt(depth, pixels, i * step, j * step, step, problem.noise);
     }
-  if (options.occlusion) {
+  if (options.occlusion && !options.printed.occlusion) {
     // Distance to a jump: half a step where an edge is cut, one and a half beside.
     const Image<float> far(width, height, 1.0F);
     for (int j = 0; j < height; ++j)
@@ -144,7 +151,9 @@ Evidence GatherEvidence(const SolveProblem& problem, const SolveOptions& options
           const float brightness = static_cast<float>(Nearest(frame.luma, to_x, to_y) -
                                                       Nearest(before, std::max(0.0F, from_x), std::max(0.0F, from_y))) /
                                    255.0F;
-          weight = std::min(weight, VisibleWeight(flow, Nearest(frame.back, to_x, to_y), divergence, brightness));
+          weight = std::min(weight, options.printed.occlusion
+                                        ? PrintedVisibleWeight(divergence, brightness)
+                                        : VisibleWeight(flow, Nearest(frame.back, to_x, to_y), divergence, brightness));
         }
         visible(i, j) = weight;
       }
@@ -202,6 +211,9 @@ Level MakeLevel(const SolveProblem& problem, const SolveOptions& options, const 
   // one residual for each frame.
   data.over_opti_sigma = 1.0F / options.brightness_sigma;
   data.over_acceleration_sigma = 1.0F / options.acceleration_sigma_px;
+  if (options.printed.shortest) data.over_acceleration_sigma = 0, data.steps_share = 1;
+  if (options.printed.kernels) data.outlier2 = std::numeric_limits<float>::infinity();
+  data.in_metres = options.printed.rigid;
   data.point = Planes(grid, 3);
   data.exists = Planes(grid, 1);
   data.strain = Planes(grid, 4);
@@ -226,13 +238,17 @@ Level MakeLevel(const SolveProblem& problem, const SolveOptions& options, const 
         if (ni < 0 || ni >= grid.width || nj >= grid.height || source(ni, nj) < 0) continue;
         const int32_t other = source(ni, nj);
         const Triple<float>& q = evidence.point.data()[other];
-        const float w_depth = PlaneWeight(p, evidence.normal.data()[own], q, evidence.normal.data()[other], spacing_px,
-                                          focal, problem.noise);
-        if (w_depth < kJump) continue;
-        const float w_color = std::max(
-            kLeastColorWeight, std::exp(-ColorDistance2(color(own), color(other)) / (kColorSigma * kColorSigma)));
         const Triple<float> edge = p - q;
-        data.strain[d][at] = w_depth * w_color * over_strain2 / Dot(edge, edge);
+        const float length2 = Dot(edge, edge), color2 = ColorDistance2(color(own), color(other));
+        float weight = PrintedCoherence(length2, color2);
+        if (!options.printed.coherence) {
+          const float w_depth = PlaneWeight(p, evidence.normal.data()[own], q, evidence.normal.data()[other],
+                                            spacing_px, focal, problem.noise);
+          if (w_depth < kJump) continue;
+          weight = w_depth * std::max(kLeastColorWeight, std::exp(-color2 / (kColorSigma * kColorSigma)));
+        }
+        data.strain[d][at] =
+            weight * (data.in_metres ? 1.0F / (options.edge_sigma_m * options.edge_sigma_m) : over_strain2 / length2);
       }
     }
   data.frames.resize(frames);
@@ -240,6 +256,7 @@ Level MakeLevel(const SolveProblem& problem, const SolveOptions& options, const 
     FrameData& frame = data.frames[s];
     frame.over_step_sigma = 1.0F / options.step_sigma_px;
     frame.over_track_sigma = 1.0F / (options.step_sigma_px * std::sqrt(static_cast<float>(s + 1)));
+    if (options.printed.proj) continue;
     frame.track = Planes(grid, 3);
     for (int j = 0; j < grid.height; ++j)
       for (int i = 0; i < grid.width; ++i) {
@@ -401,7 +418,8 @@ int Associate(const SolveProblem& problem, const SolveOptions& options, const Id
   data.partner = Planes(grid, 8);
   for (int s = 0; s < frames; ++s) {
     const SolveFrame& frame = problem.frames[s];
-    data.frames[s].step = frame.forward.empty() || data.weights.proj == 0 ? Planes() : Planes(grid, 3);
+    const bool steps = !frame.forward.empty() && data.weights.proj > 0 && !(options.printed.proj && s == 0);
+    data.frames[s].step = steps ? Planes(grid, 3) : Planes();
     data.frames[s].opti = frame.luma.empty() || data.weights.opti == 0 ? Planes() : Planes(grid, 6);
   }
   int partners = 0;
@@ -446,7 +464,9 @@ int Associate(const SolveProblem& problem, const SolveOptions& options, const Id
       }
       const Triple<float> turn = MotionOfPoint(data, unknowns, data.first_turn(), frames - 1, at);
       const Triple<float> normal = RotationOf(turn) * evidence.normal.data()[source];
-      const std::optional<Partner> partner = FindPartner(other, end, normal, problem.key.color(x, y));
+      const std::optional<Partner> partner = options.printed.closest
+                                                 ? ClosestPartner(other, start)
+                                                 : FindPartner(other, end, normal, problem.key.color(x, y));
       if (!partner) continue;
       ++partners;
       const Triple<float>&q = partner->point, &n = partner->normal;
@@ -456,6 +476,7 @@ int Associate(const SolveProblem& problem, const SolveOptions& options, const Id
       const float root = std::sqrt(trust), sigma = std::sqrt(2.0F) * problem.noise.At(q.z);
       data.partner[6][at] = root * focal / (options.point_sigma_footprints * q.z);
       data.partner[7][at] = root / sigma;
+      if (options.printed.point) data.partner[6][at] = data.partner[7][at];
     }
   return partners;
 }
@@ -492,6 +513,34 @@ int CutTorn(const SolveProblem& problem, const IdealPixels& pixels, const Eviden
     if (last == 0) break;  // the middle is the end
   }
   return cut;
+}
+
+int WeighTopologyAsPrinted(const Evidence& evidence, Level& level) {
+  EnergyData& data = level.data;
+  const Grid& grid = data.grid;
+  const int s = static_cast<int>(data.times.size()) - 2;
+  int lost = 0;
+  if (s < 0) return lost;
+  // Points without a counterpart in the other key keep their edges.
+  const auto tracked = [&](int i, int j) {
+    const int32_t source = level.source(i, j);
+    if (source < 0 || data.partner[7][grid.at(i, j)] == 0) return Triple<float>{};
+    return OnTrack(evidence, data.camera, source, s, evidence.point.data()[source].z);
+  };
+  for (int j = 0; j < grid.height; ++j)
+    for (int i = 0; i < grid.width; ++i)
+      for (int d = 0; d < 4; ++d) {
+        float& strain = data.strain[d][grid.at(i, j)];
+        if (strain == 0) continue;
+        const int ni = i + kForward[d][0], nj = j + kForward[d][1];
+        const Triple<float> own = tracked(i, j), other = tracked(ni, nj), now = own - other;
+        if (!Exists(own) || !Exists(other)) continue;
+        const Triple<float> edge = TripleAt(data.point, 0, grid.at(i, j)) - TripleAt(data.point, 0, grid.at(ni, nj));
+        const float weight = PrintedTopologyWeight(std::sqrt(Dot(edge, edge)), std::sqrt(Dot(now, now)));
+        strain *= weight;
+        lost += weight < 0.5F;
+      }
+  return lost;
 }
 
 }  // namespace depthtween

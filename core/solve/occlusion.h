@@ -30,6 +30,12 @@ inline float VisibleWeight(Flow2 flow, Flow2 back, float divergence, float brigh
   return std::exp(-(d * d + b * b + (u * u + v * v) / sigma2));
 }
 
+// O as printed: what uncovers counts as what hides does, and nobody looks at the way back.
+inline float PrintedVisibleWeight(float divergence, float brightness) {
+  const float b = brightness / kHiddenBrightnessSigma;
+  return std::exp(-(divergence * divergence + b * b));  // sigma_1 = 1
+}
+
 // Weight of data at this distance from a depth jump, pixels.
 inline float JumpWeight(float distance_px) { return std::min(1.0F, distance_px / kFullTrustPx); }
 

@@ -10,7 +10,7 @@
 
 namespace depthtween {
 
-constexpr double kPrintedShortShare = 1e-3;
+constexpr float kPrintedShortShare = 1e-3F;
 
 // Factors of the positions before, now and after: the residual is their sum, times 1/(footprint sigma).
 template <typename S>

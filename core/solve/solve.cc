@@ -63,7 +63,35 @@ const SolvePart* FindSolvePart(std::string_view name) {
   return part == std::end(kSolveParts) ? nullptr : part;
 }
 
+struct LiteralChoice {
+  std::string_view name;
+  bool PrintedChoices::*choice;
+};
+constexpr LiteralChoice kLiteralChoices[] = {
+    {"closest", &PrintedChoices::closest},  {"coherence", &PrintedChoices::coherence},
+    {"kernels", &PrintedChoices::kernels},  {"occlusion", &PrintedChoices::occlusion},
+    {"point", &PrintedChoices::point},      {"proj", &PrintedChoices::proj},
+    {"rigid", &PrintedChoices::rigid},      {"short", &PrintedChoices::shortest},
+    {"topology", &PrintedChoices::topology}};
+
 }  // namespace
+
+const std::vector<std::string>& LiteralNames() {
+  static const auto* const kNames = [] {
+    auto* const names = new std::vector<std::string>;
+    for (const LiteralChoice& choice : kLiteralChoices) names->emplace_back(choice.name);
+    return names;
+  }();
+  return *kNames;
+}
+
+absl::Status SolveOptions::TakeLiterally(std::string_view choice) {
+  for (const LiteralChoice& known : kLiteralChoices)
+    if (known.name == choice) return printed.*known.choice = true, absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrFormat("'%s' is no choice of the paper that can be taken literally: those are %s", std::string(choice),
+                      absl::StrJoin(LiteralNames(), ", ")));
+}
 
 const std::vector<std::string>& SolvePartNames() {
   static const auto* const kNames = [] {
@@ -114,7 +142,8 @@ absl::Status SolveOptions::Validate() const {
                                                        {"brightness_sigma", brightness_sigma},
                                                        {"strain_sigma", strain_sigma},
                                                        {"acceleration_sigma_px", acceleration_sigma_px},
-                                                       {"point_sigma_footprints", point_sigma_footprints}};
+                                                       {"point_sigma_footprints", point_sigma_footprints},
+                                                       {"edge_sigma_m", edge_sigma_m}};
   for (const auto& [name, value] : kDeviations)
     if (!(value > 0 && value <= 1e6F)) return error(name, value, "above 0 and at most 1e6");
   if (levels < 1 || levels > 8) return error("levels", levels, "between 1 and 8");
@@ -150,7 +179,9 @@ absl::StatusOr<SolveResult> Solve(const SolveProblem& problem, const SolveOption
     SolveLevelSummary total{.width = level.data.grid.width, .height = level.data.grid.height};
     for (int outer = 0; outer < options.outer_iterations; ++outer) {
       summary.partners = Associate(problem, options, pixels, evidence, other, unknowns, level);
-      if (options.topology && outer == 0) summary.cut_edges = CutTorn(problem, pixels, evidence, level);
+      if (options.topology && outer == 0)
+        summary.cut_edges = options.printed.topology ? WeighTopologyAsPrinted(evidence, level)
+                                                     : CutTorn(problem, pixels, evidence, level);
       const SolveLevelSummary once =
           Minimise(level.data, options.newton_iterations, options.conjugate_iterations, unknowns, summary.termination);
       if (outer == 0) total.first_cost = once.first_cost;

@@ -58,6 +58,21 @@ enum class MotionModel {
   kPerFrame,    // positions and rotations of every frame for themselves
 };
 
+// Choices of the paper that we differ from, each of which can be had as it is printed. What has no meaning as printed,
+// such as the projection of a difference of points, has no name here; nor has what is none of the solver's, such as the
+// last frame being replaced by the key.
+struct PrintedChoices {
+  bool closest = false;    // partners are closest to where the point was in the key, not to where it is tracked
+  bool coherence = false;  // w_d by distance alone (0.015 m), w_c by single levels of colour, without a rest
+  bool kernels = false;    // E_point, E_plane and E_proj are squares
+  bool occlusion = false;  // O by divergence of either sign and by brightness, not by the way back or by jumps
+  bool point = false;      // E_point counts metres as E_plane does
+  bool proj = false;       // E_proj has steps alone, from the second on, and no tracks
+  bool rigid = false;      // E_rigid counts metres (SolveOptions::edge_sigma_m), whatever the length of the edge
+  bool shortest = false;   // E_short penalises steps, not accelerations
+  bool topology = false;   // edges are weighed by how their length changes (0.015 m) along tracks to the last but one
+};
+
 struct SolveOptions {
   MotionModel model = MotionModel::kTrajectory;
   // The paper's weights, of residuals in units of their own deviations.
@@ -65,12 +80,14 @@ struct SolveOptions {
   // Detectors. Without them all data count alike, and only depth and colour cut edges.
   bool occlusion = true;
   bool topology = true;
+  PrintedChoices printed;
   // Deviations that residuals are measured in.
   float step_sigma_px = 0.3F;           // of the flow between neighbouring frames; tracks add up their steps'
   float brightness_sigma = 0.02F;       // of image noise and interpolation, [0, 1]
   float strain_sigma = 0.03F;           // of a surface that bends
   float acceleration_sigma_px = 20.0F;  // of what moves, per interval^2
   float point_sigma_footprints = 4.0F;  // how far a surface may slide along its partner
+  float edge_sigma_m = 1e-3F;           // of the ends of an edge to each other, where E_rigid is as printed
   // Schedule.
   int levels = 3;
   int outer_iterations = 1;      // per level
@@ -86,9 +103,13 @@ struct SolveOptions {
   absl::Status SwitchOff(std::string_view part);
   // False for names that are no part.
   bool Uses(std::string_view part) const;
+  // Takes a choice as the paper prints it: closest, coherence, kernels, occlusion, point, proj, rigid, short, topology.
+  // InvalidArgument lists them if `choice` is none of them.
+  absl::Status TakeLiterally(std::string_view choice);
   absl::Status Validate() const;
 };
 const std::vector<std::string>& SolvePartNames();
+const std::vector<std::string>& LiteralNames();
 
 struct SolveLevelSummary {
   int width = 0, height = 0;

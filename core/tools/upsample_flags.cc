@@ -23,6 +23,16 @@ std::vector<CLI::Option*> AddQualityFlags(CLI::App& command, UpsampleOptions& op
                       ->group(group));
   added.push_back(
       command
+          .add_option("--literal", options.literal,
+                      "With preset reference, take choices of the paper as it prints them, to compare with: "
+                      "names with commas between them, of " +
+                          absl::StrJoin(LiteralNames(), ", "))
+          ->delimiter(',')
+          ->check(CLI::IsMember(LiteralNames()))
+          ->type_name("NAMES")
+          ->group(group));
+  added.push_back(
+      command
           .add_flag("--causal", options.causal,
                     "Take each frame from what had been seen by then alone, for low latency: the last depth "
                     "frames, and the colour frames up to it")

@@ -10,8 +10,8 @@
 
 namespace depthtween::tools {
 
-// Adds --preset, --without and --self-check in a group of their own. They write into `options`, which must outlive the
-// parsing. Returns what was added, for commands that do not always upsample.
+// Adds --preset, --without, --literal, --causal and --self-check in a group of their own. They write into `options`,
+// which must outlive the parsing. Returns what was added, for commands that do not always upsample.
 std::vector<CLI::Option*> AddQualityFlags(CLI::App& command, UpsampleOptions& options);
 
 // What each preset trades, for a footer.

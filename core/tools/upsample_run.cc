@@ -66,6 +66,10 @@ absl::Status UpsampleOptions::Validate() const {
   for (const std::string& part : without)
     if (!contains(PartNames(), part))
       return FieldError("options.without", absl::StrFormat("has '%s', must be some of: %s", part, list(PartNames())));
+  for (const std::string& choice : literal)
+    if (!contains(LiteralNames(), choice))
+      return FieldError("options.literal",
+                        absl::StrFormat("has '%s', must be some of: %s", choice, list(LiteralNames())));
   const UpsampleOptions defaults;
   const auto only_ours = [&](const char* field) {
     return FieldError(absl::StrCat("options.", field),
@@ -73,6 +77,10 @@ absl::Status UpsampleOptions::Validate() const {
   };
   if (method != "ours" && preset != defaults.preset) return only_ours("preset");
   if (method != "ours" && !without.empty()) return only_ours("without");
+  if (method != "ours" && !literal.empty()) return only_ours("literal");
+  if (preset != "reference" && !literal.empty())
+    return FieldError("options.literal",
+                      absl::StrFormat("is for preset 'reference' alone, and the preset is '%s'", preset));
   if (method != "ours" && causal) return only_ours("causal");
   if (method != "ours" && self_check) return only_ours("self_check");
   if (method != "ours" && scene_flow) return only_ours("scene_flow");
@@ -84,10 +92,10 @@ absl::Status UpsampleOptions::Validate() const {
 }
 
 json ToJson(const UpsampleOptions& options) {
-  return {{"method", options.method},           {"key_every", options.key_every}, {"threads", options.threads},
-          {"keep_motion", options.keep_motion}, {"preset", options.preset},       {"without", options.without},
-          {"causal", options.causal},           {"clock", options.clock},         {"self_check", options.self_check},
-          {"scene_flow", options.scene_flow}};
+  return {{"method", options.method},           {"key_every", options.key_every},  {"threads", options.threads},
+          {"keep_motion", options.keep_motion}, {"preset", options.preset},        {"without", options.without},
+          {"literal", options.literal},         {"causal", options.causal},        {"clock", options.clock},
+          {"self_check", options.self_check},   {"scene_flow", options.scene_flow}};
 }
 
 absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
@@ -133,6 +141,8 @@ absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
         RETURN_IF_ERROR(read_text(options.preset));
       } else if (field == "without") {
         RETURN_IF_ERROR(read_texts(options.without));
+      } else if (field == "literal") {
+        RETURN_IF_ERROR(read_texts(options.literal));
       } else if (field == "causal") {
         RETURN_IF_ERROR(read_flag(options.causal));
       } else if (field == "scene_flow") {
@@ -157,6 +167,7 @@ absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& 
   if (options.method != "ours") return MakeBaseline(options.method);
   ASSIGN_OR_RETURN(PipelineOptions pipeline, PipelineOptions::ForPreset(options.preset));
   for (const std::string& part : options.without) RETURN_IF_ERROR(pipeline.SwitchOff(part));
+  for (const std::string& choice : options.literal) RETURN_IF_ERROR(pipeline.solver.TakeLiterally(choice));
   pipeline.causal = options.causal;
   RETURN_IF_ERROR(pipeline.Validate());
   return MakePipeline(pipeline);

@@ -32,7 +32,9 @@ struct UpsampleOptions {
   // Of method "ours" alone; with another they must stay as they are here.
   std::string preset = "balanced";   // one of PresetNames(): what accuracy may cost
   std::vector<std::string> without;  // of PartNames(): stages left out, to learn what each is worth
-  bool causal = false;               // each frame from what had been seen by then alone
+  // Of LiteralNames(): choices of the paper taken as printed. With preset "reference" alone.
+  std::vector<std::string> literal;
+  bool causal = false;  // each frame from what had been seen by then alone
 
   bool scene_flow = false;  // also the 3-D motion of every frame between depth frames: scene_flow_files.h; keeps motion
 

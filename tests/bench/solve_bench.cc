@@ -5,7 +5,8 @@
 //       points, in millimetres to the other key and in the middle, of composed flow with the other key's depth at its
 //       end, and of the solve. Trimmed at kWorstM: a point on the wrong surface is wrong, not infinitely so. Masks:
 //       seen in both keys; hidden in the other; within 8 px of a depth jump; elsewhere. Also processor seconds per key,
-//       beside one DIS-medium flow. NAME=VALUE sets a field of SolveOptions; without=PART,... switches parts off.
+//       beside one DIS-medium flow. NAME=VALUE sets a field of SolveOptions; without=PART,... switches parts off,
+//       literal=NAME,... takes choices as printed.
 //   solve_bench ceres [POINTS_X POINTS_Y]
 //       Processor seconds, on one thread, until the cost of a frozen energy is within 1 % of the least: of a turning,
 //       accelerating plane in four frames, one track in eleven wrong, from its tracks and from a start that is off by
@@ -152,6 +153,11 @@ absl::Status SetOption(const std::string& argument, SolveOptions& options) {
   if (words[0] == "without") {
     for (const std::string& part : std::vector<std::string>(absl::StrSplit(words[1], ',')))
       RETURN_IF_ERROR(options.SwitchOff(part));
+    return absl::OkStatus();
+  }
+  if (words[0] == "literal") {
+    for (const std::string& choice : std::vector<std::string>(absl::StrSplit(words[1], ',')))
+      RETURN_IF_ERROR(options.TakeLiterally(choice));
     return absl::OkStatus();
   }
   const double value = std::atof(words[1].c_str());

@@ -43,5 +43,18 @@ TEST_F(FindPartnerTest, LooksAround) {
   EXPECT_NEAR(partner->point.z, 2.0, 1e-5);
 }
 
+// From in front of the wall, beside the box: the wall, straight ahead. From just behind the box's edge: the edge.
+TEST_F(FindPartnerTest, ClosestIsClosestInSpace) {
+  const auto wall = ClosestPartner(surface(), pixels_.PointAt(30, 15, 1.95F));
+  ASSERT_TRUE(wall.has_value());
+  EXPECT_NEAR(wall->point.z, 2.0, 1e-5);
+  EXPECT_NEAR(wall->point.x, pixels_.PointAt(30, 15, 1.95F).x, 0.02);
+  EXPECT_NEAR(wall->normal.z, -1, 1e-5);
+  const auto box = ClosestPartner(surface(), pixels_.PointAt(21, 15, 1.52F));
+  ASSERT_TRUE(box.has_value());
+  EXPECT_NEAR(box->point.z, 1.5, 1e-5);
+  EXPECT_FALSE(ClosestPartner(surface(), pixels_.PointAt(90, 15, 2.0F)));
+}
+
 }  // namespace
 }  // namespace depthtween

@@ -204,7 +204,6 @@ class CeresEnergy {
     const Triple<double> start = Read(data_.point, 0, at);
     const size_t number = Number(i, j);
     const int frames = static_cast<int>(data_.frames.size());
-    constexpr double kOutlier2 = 9;
     for (int s = 0; s < frames; ++s) {
       const FrameData& frame = data_.frames[s];
       const std::vector<double*> own = {Block(number, 0, s)};
@@ -216,7 +215,7 @@ class CeresEnergy {
               const auto r = TrackResidual<T>(SeenAt(block[0], start, s), {T(track.u), T(track.v)}, over);
               out[0] = r.u, out[1] = r.v;
             },
-            own, new GemanMcClureLoss(kOutlier2), weights.proj * frame.track[2][at]);
+            own, new GemanMcClureLoss(data_.outlier2), weights.proj * frame.track[2][at]);
       if (!frame.step.empty() && weights.proj > 0) {
         const Motions motions = s == 0 ? MotionsOf(number, {0}) : MotionsOf(number, {s - 1, s});
         Add<2>(
@@ -228,7 +227,7 @@ class CeresEnergy {
                                              {T(flow.u), T(flow.v)}, over);
               out[0] = r.u, out[1] = r.v;
             },
-            motions.blocks, new GemanMcClureLoss(kOutlier2), weights.proj * frame.step[2][at]);
+            motions.blocks, new GemanMcClureLoss(data_.outlier2), weights.proj * frame.step[2][at]);
       }
       if (!frame.opti.empty() && weights.opti > 0) {
         const BrightnessAt<double> image{
@@ -255,7 +254,7 @@ class CeresEnergy {
             const Triple<T> r = PointResidual<T>(end, Lift<T>(partner), T(over));
             out[0] = r.x, out[1] = r.y, out[2] = r.z;
           },
-          last, new GemanMcClureLoss(kOutlier2), weights.point);
+          last, new GemanMcClureLoss(data_.outlier2), weights.point);
       Add<1>(
           [this, start, partner, normal, s = frames - 1, over = static_cast<double>(data_.partner[7][at])](auto block,
                                                                                                            auto* out) {
@@ -263,7 +262,7 @@ class CeresEnergy {
             const Triple<T> end = Lift<T>(start) + At(block[0], s);
             out[0] = PlaneResidual<T>(end, Lift<T>(partner), Lift<T>(normal), T(over));
           },
-          last, new GemanMcClureLoss(kOutlier2), weights.plane);
+          last, new GemanMcClureLoss(data_.outlier2), weights.plane);
     }
     const double footprint2 = std::pow(static_cast<double>(data_.footprint[0][at]), 2);
     const auto time = [&](int s) { return s < 0 ? 0.0 : static_cast<double>(data_.times[s]); };
@@ -286,7 +285,7 @@ class CeresEnergy {
             const auto r = At(block[motions.at[1]], s) - At(block[motions.at[0]], s - 1);
             out[0] = r.x, out[1] = r.y, out[2] = r.z;
           },
-          motions.blocks, nullptr, weights.shortest * kPrintedShortShare * footprint2);
+          motions.blocks, nullptr, weights.shortest * data_.steps_share * footprint2);
     }
   }
 
@@ -321,7 +320,7 @@ class CeresEnergy {
               out[0] = r.x, out[1] = r.y, out[2] = r.z;
             },
             {Block(own, turns, data_.basis.per_frame() ? k : 0), Block(other, turns, data_.basis.per_frame() ? k : 0)},
-            nullptr, data_.weights.reg * Dot(edge, edge) * strain);
+            nullptr, data_.weights.reg * RegArea(data_, edge) * strain);
     }
   }
 

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "core/solve/level.h"
@@ -18,8 +19,10 @@ namespace {
 TEST(Energy, GradientIsTheSlopeOfTheValue) {
   const MovingPlane plane({.width = 22, .height = 18});
   for (const MotionModel model : {MotionModel::kTrajectory, MotionModel::kPerFrame})
-    for (int only = -1; only < 7; ++only) {
+    for (int only = -2; only < 7; ++only) {  // -2: with every choice as printed
       SolveOptions options{.model = model};
+      for (const std::string& choice : only == -2 ? LiteralNames() : std::vector<std::string>())
+        ASSERT_TRUE(options.TakeLiterally(choice).ok());
       if (only >= 0) {
         float* terms[7] = {&options.weights.opti,    &options.weights.point, &options.weights.plane,
                            &options.weights.proj,    &options.weights.rigid, &options.weights.reg,

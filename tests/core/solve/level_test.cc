@@ -79,10 +79,19 @@ TEST(CutTorn, CutsBetweenWhatParts) {
   Planes unknowns(level.data.grid, level.data.unknowns());
   StartFromTracks(plain, evidence, other, level, unknowns);
   Associate(plain, options, pixels, evidence, other, unknowns, level);
+  Level printed =
+      MakeLevel(plain, options, pixels, evidence, std::move(DecimatePoints(evidence, plain.noise, 1)[0]), 1);
+  Associate(plain, options, pixels, evidence, other, unknowns, printed);
   EXPECT_GT(CutTorn(plain, pixels, evidence, level), 0);
   EXPECT_EQ(level.data.strain[0][level.data.grid.at(half - 1, 10)], 0);
   EXPECT_GT(level.data.strain[0][level.data.grid.at(half - 4, 10)], 0);
   EXPECT_GT(level.data.strain[1][level.data.grid.at(half, 10)], 0);
+  // As printed: what parts is all but cut, what stays keeps its weight.
+  const Grid& grid = level.data.grid;
+  EXPECT_GT(WeighTopologyAsPrinted(evidence, printed), 0);
+  EXPECT_LT(printed.data.strain[0][grid.at(half - 1, 10)], 0.01F * printed.data.strain[0][grid.at(half - 4, 10)]);
+  EXPECT_NEAR(printed.data.strain[0][grid.at(half - 4, 10)], level.data.strain[0][grid.at(half - 4, 10)],
+              1e-3F * level.data.strain[0][grid.at(half - 4, 10)]);
 }
 
 // Closed forms: nothing wrong gives full trust; each test by itself takes it.
@@ -93,6 +102,44 @@ TEST(VisibleWeight, EachSignOfOcclusionCounts) {
   EXPECT_LT(VisibleWeight({3, 0}, {-3, 0}, 0, 0.2F), 0.01F);
   EXPECT_EQ(JumpWeight(1), 0.25F);
   EXPECT_EQ(JumpWeight(9), 1);
+}
+
+// The paper's formulas, with its numbers.
+TEST(PrintedWeights, AreThePapers) {
+  EXPECT_NEAR(PrintedVisibleWeight(0.5F, 0), std::exp(-0.25), 1e-6);
+  EXPECT_EQ(PrintedVisibleWeight(-0.5F, 0), PrintedVisibleWeight(0.5F, 0));
+  EXPECT_NEAR(PrintedVisibleWeight(0, 20.0F / 255.0F), std::exp(-1.0), 1e-6);
+  EXPECT_NEAR(PrintedTopologyWeight(0.01F, 0.025F), std::exp(-1.0), 1e-5);
+}
+
+// w = w_d w_c, and E_rigid in metres does not ask how long an edge is.
+TEST(PrintedWeights, OfEdges) {
+  const MovingPlane plane({.turn = {0, 0, 0}, .travel = {0, 0, 0}});
+  SolveProblem problem = plane.Problem();
+  Image<Rgb8> color(48, 40, Rgb8{90, 90, 90});
+  for (int y = 0; y < 40; ++y)
+    for (int x = 24; x < 48; ++x) color(x, y).g = 91;
+  problem.key.color = problem.other.color = color;
+  const Image<float> wall(48, 40, 2.0F);
+  problem.key.depth_m = problem.other.depth_m = wall;
+  problem.camera.fx = problem.camera.fy = 600;  // edges of some millimetres
+  SolveOptions options;
+  ASSERT_TRUE(options.TakeLiterally("coherence").ok());
+  ASSERT_TRUE(options.TakeLiterally("rigid").ok());
+  const IdealPixels pixels(problem.camera);
+  const Evidence evidence = GatherEvidence(problem, options, pixels);
+  const Level level =
+      MakeLevel(problem, options, pixels, evidence, std::move(DecimatePoints(evidence, problem.noise, 1)[0]), 1);
+  const EnergyData& data = level.data;
+  const float over2 = 1.0F / (options.edge_sigma_m * options.edge_sigma_m);
+  for (const int i : {4, 11}) {  // the second edge leads to the other colour
+    const ptrdiff_t at = data.grid.at(i, 10);
+    double length2 = 0;
+    for (int axis = 0; axis < 3; ++axis) length2 += std::pow(data.point[axis][at + 1] - data.point[axis][at], 2);
+    const double expected = std::exp(-length2 / (0.015 * 0.015) - (i == 11 ? 1.0 : 0.0)) * over2;
+    ASSERT_GT(expected, 0.1 * over2);
+    EXPECT_NEAR(data.strain[0][at], expected, 1e-3 * expected) << i;
+  }
 }
 
 TEST(Torn, OnlyBeyondLengthAndNoise) {

@@ -130,6 +130,24 @@ TEST(Solve, UnknownDepthIsLeftOut) {
     }
 }
 
+// As printed E_short pulls every point to where it was before: a plane that comes nearer, of which the images tell
+// little, comes less near.
+TEST(Solve, ThePrintedShortTermShrinksMotion) {
+  const MovingPlane plane({.turn = {0, 0, 0}, .travel = {0, 0, -0.2}});
+  double moved[2] = {};
+  for (const bool printed : {false, true}) {
+    SolveOptions options{.newton_iterations = 4, .conjugate_iterations = 30};
+    ASSERT_TRUE(options.SwitchOff("plane").ok());
+    ASSERT_TRUE(options.SwitchOff("point").ok());
+    options.printed.shortest = printed;
+    const auto result = Solve(plane.Problem(), options);
+    ASSERT_TRUE(result.ok()) << result.status();
+    moved[printed] = result->motion.MotionOf(12, 10, 3).z;
+  }
+  EXPECT_NEAR(moved[0], -0.2, 0.01);
+  EXPECT_GT(moved[1], 0.99 * moved[0]);
+}
+
 TEST(Solve, SaysWhatIsWrong) {
   const MovingPlane plane({});
   SolveProblem problem = plane.Problem();
@@ -140,6 +158,8 @@ TEST(Solve, SaysWhatIsWrong) {
   SolveOptions options;
   for (const std::string& part : SolvePartNames()) EXPECT_TRUE(options.SwitchOff(part).ok()) << part;
   EXPECT_THAT(std::string(options.SwitchOff("magic").message()), testing::HasSubstr("opti, point"));
+  for (const std::string& choice : LiteralNames()) EXPECT_TRUE(options.TakeLiterally(choice).ok()) << choice;
+  EXPECT_THAT(std::string(options.TakeLiterally("magic").message()), testing::HasSubstr("closest, coherence"));
 }
 
 }  // namespace

@@ -123,6 +123,15 @@ TEST(UpsampleCommand, PresetsAndPartsReachThePipeline) {
   const json options = json::parse(ReadFile(scratch / "bare/report.json").value()).at("options");
   EXPECT_EQ(options.at("without"), json({"median", "propagation"}));
 
+  // The paper's choices, where the paper's solve is: each choice's effect is tested beside it (core/solve).
+  const auto reference = depth_of("reference", {"--preset", "reference"});
+  EXPECT_NE(depth_of("printed", {"--preset", "reference", "--literal", "short,rigid,kernels"}), reference);
+  EXPECT_EQ(json::parse(ReadFile(scratch / "printed/report.json").value()).at("options").at("literal"),
+            json({"short", "rigid", "kernels"}));
+  const ToolResult misplaced = RunTool({"upsample", scratch / "recording", "-o", scratch / "x", "--literal", "short"});
+  EXPECT_EQ(misplaced.exit_code, 1);
+  EXPECT_THAT(misplaced.err, HasSubstr("options.literal is for preset 'reference' alone"));
+
   const ToolResult mixed =
       RunTool({"upsample", scratch / "recording", "-o", scratch / "x", "--method", "hold", "--preset", "fast"});
   EXPECT_EQ(mixed.exit_code, 1);

@@ -64,6 +64,11 @@ TEST(UpsampleOptions, WrongOnesAreNamed) {
   EXPECT_THAT(message(R"({"without":["draw","luck"]})"),
               HasSubstr("options.without has 'luck', must be some of: " + absl::StrJoin(PartNames(), ", ")));
   EXPECT_THAT(message(R"({"without":"draw"})"), HasSubstr("options.without = \"draw\", must be a list of strings"));
+  EXPECT_THAT(message(R"({"preset":"reference","literal":["rigid","luck"]})"),
+              HasSubstr("options.literal has 'luck', must be some of: " + absl::StrJoin(LiteralNames(), ", ")));
+  EXPECT_THAT(message(R"({"preset":"best","literal":["rigid"]})"),
+              HasSubstr("options.literal is for preset 'reference' alone, and the preset is 'best'"));
+  EXPECT_THAT(message(R"({"literal":"rigid"})"), HasSubstr("options.literal = \"rigid\", must be a list of strings"));
   EXPECT_THAT(message("[]"), HasSubstr("options: must be a JSON object"));
   EXPECT_THAT(message("{"), HasSubstr("options: "));
 }
