@@ -19,6 +19,7 @@ constexpr float kFound = 9.0F;         // of a window that was found, at most th
 constexpr float kBetter = 0.5F;        // ... and at most this share of what the flow leaves
 constexpr float kPixelBetter =
     0.7F;                         // what another motion leaves of a pixel's window, at most this share of its flow's
+constexpr int kBeside = 3;        // pixels from the best place: as good as it, for other places to be compared with
 constexpr float kWayBack = 1.5F;  // pixels that the way there and back may miss
 
 // What flow leaves is looked at on every second pixel: it is computed no finer.
@@ -97,8 +98,12 @@ struct Found {
 };
 
 std::vector<Found> FindWindows(ImageView<const uint8_t> from, ImageView<const uint8_t> to, const Unexplained& left_from,
-                               const Unexplained& left_to) {
+                               const Unexplained& left_to, float distinct) {
+  struct Place {
+    int x, y, difference;
+  };
   std::vector<Found> found;
+  std::vector<Place> rivals;  // of a window
   const int width = from.width(), height = from.height();
   for (int y = kWindowRadius; y + kWindowRadius < height; y += kSeedStride)
     for (int x = kWindowRadius; x + kWindowRadius < width; x += kSeedStride) {
@@ -106,15 +111,23 @@ std::vector<Found> FindWindows(ImageView<const uint8_t> from, ImageView<const ui
       if (left < kUnexplained) continue;
       int best = static_cast<int>(kWindowPixels * std::min(kFound, kBetter * left));
       int best_x = -1, best_y = -1;
+      rivals.clear();
+      const auto rival_limit = [&] { return static_cast<int>(distinct * static_cast<float>(best)) + 1; };
       const int last_x = std::min(width - 1 - kWindowRadius, x + kLostMotionReach);
       const int last_y = std::min(height - 1 - kWindowRadius, y + kLostMotionReach);
       for (int ty = std::max(kWindowRadius, y - kLostMotionReach); ty <= last_y; ++ty)
         for (int tx = std::max(kWindowRadius, x - kLostMotionReach); tx <= last_x; ++tx) {
           if (left_to.At(tx, ty) < kUnexplained) continue;
-          const int difference = WindowDifference(from, x, y, to, tx, ty, best);
+          const int difference = WindowDifference(from, x, y, to, tx, ty, rival_limit());
+          if (distinct > 1.0F && difference < rival_limit()) rivals.push_back({tx, ty, difference});
           if (difference < best) best = difference, best_x = tx, best_y = ty;
         }
       if (best_x < 0) continue;
+      const auto rivals_best = [&](const Place& place) {
+        return place.difference < rival_limit() &&
+               std::max(std::abs(place.x - best_x), std::abs(place.y - best_y)) > kBeside;
+      };
+      if (std::any_of(rivals.begin(), rivals.end(), rivals_best)) continue;
       const auto beside = [&](int dx, int dy) {
         const int tx = best_x + dx, ty = best_y + dy;
         return WindowInside(to, tx, ty) ? WindowDifference(from, x, y, to, tx, ty, 256 * kWindowPixels) : best;
@@ -163,13 +176,13 @@ bool TakeConfirmed(const Image<Flow2>& mended, const Image<Flow2>& mended_back, 
   return taken;
 }
 
-bool RecoverAtFullResolution(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab,
-                             Image<Flow2>& ba) {
+bool RecoverAtFullResolution(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab, Image<Flow2>& ba,
+                             float distinct) {
   const Unexplained left_a(a, b, ab), left_b(b, a, ba);
   for (const float share : {left_a.share(), left_b.share()})
     if (share == 0 || share > kLostMotionShare) return false;
-  const Image<Flow2> mended_ab = Spread(FindWindows(a, b, left_a, left_b), a, b, left_a, ab);
-  const Image<Flow2> mended_ba = Spread(FindWindows(b, a, left_b, left_a), b, a, left_b, ba);
+  const Image<Flow2> mended_ab = Spread(FindWindows(a, b, left_a, left_b, distinct), a, b, left_a, ab);
+  const Image<Flow2> mended_ba = Spread(FindWindows(b, a, left_b, left_a, distinct), b, a, left_b, ba);
   const bool there = TakeConfirmed(mended_ab, mended_ba, ab), back = TakeConfirmed(mended_ba, mended_ab, ba);
   return there || back;
 }
@@ -203,19 +216,20 @@ void TakeChanges(const Image<Flow2>& mended, const Image<Flow2>& before, Image<F
 }  // namespace
 
 bool RecoverLostMotion(ImageView<const uint8_t> a, ImageView<const uint8_t> b, Image<Flow2>& ab, Image<Flow2>& ba,
-                       int scales) {
-  if (scales < 1 || std::min(a.width(), a.height()) < 2 * kLostMotionReach) return false;
+                       const LostMotionOptions& options) {
+  if (options.scales < 1 || std::min(a.width(), a.height()) < 2 * kLostMotionReach) return false;
   bool changed = false;
-  if (scales > 1) {
+  if (options.scales > 1) {
     const Image<Flow2> ab_before = HalfSize(ab), ba_before = HalfSize(ba);
     Image<Flow2> ab_half = ab_before.Clone(), ba_half = ba_before.Clone();
-    changed = RecoverLostMotion(HalfSize(a), HalfSize(b), ab_half, ba_half, scales - 1);
+    changed = RecoverLostMotion(HalfSize(a), HalfSize(b), ab_half, ba_half,
+                                {.scales = options.scales - 1, .distinct = options.distinct});
     if (changed) {
       TakeChanges(ab_half, ab_before, ab);
       TakeChanges(ba_half, ba_before, ba);
     }
   }
-  return RecoverAtFullResolution(a, b, ab, ba) || changed;
+  return RecoverAtFullResolution(a, b, ab, ba, options.distinct) || changed;
 }
 
 }  // namespace depthtween
