@@ -83,8 +83,8 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option(
           "--without", options->without,
-          "Leave stages of method ours out, to learn what each is worth: settle, recover, draw, solve, propagation, "
-          "median, witnesses, silhouettes; of the solve opti, point, plane, proj, rigid, reg, short, "
+          "Leave stages of method ours out, to learn what each is worth: settle, recover, thin, draw, solve, "
+          "propagation, median, witnesses, silhouettes; of the solve opti, point, plane, proj, rigid, reg, short, "
           "occlusion, topology; names with commas between them")
       ->delimiter(',')
       ->type_name("NAMES");

@@ -12,9 +12,7 @@
 #include <cassert>
 #include <cstddef>
 #include <cstdint>
-#include <cstdlib>
 #include <memory>
-#include <new>
 #include <type_traits>
 #include <utility>
 
@@ -72,6 +70,13 @@ class ImageView {
   int width_ = 0, height_ = 0;
 };
 
+// Memory for pixels, 64-byte aligned. What is freed is kept for the next image, up to a limit for the process: a fresh
+// page from the system costs as much as computing on it. Throws std::bad_alloc.
+void* AllocatePixels(size_t bytes);
+void FreePixels(void* pixels) noexcept;
+// Gives what is kept back to the system.
+void ReleaseFreedPixels();
+
 // Owned pixels: contiguous (stride == width), 64-byte aligned, move-only (Clone() copies, visibly).
 template <typename T>
 class Image {
@@ -81,14 +86,8 @@ class Image {
   Image() = default;
   // All pixels value-initialised (zero).
   Image(int width, int height) : Image(width, height, T{}) {}
-  Image(int width, int height, T fill) : width_(width), height_(height) {
-    assert(width >= 0 && height >= 0);
-    const size_t count = pixel_count();
-    if (count == 0) return;
-    const size_t bytes = (count * sizeof(T) + 63) / 64 * 64;
-    data_.reset(static_cast<T*>(std::aligned_alloc(64, bytes)));
-    if (!data_) throw std::bad_alloc();
-    std::uninitialized_fill_n(data_.get(), count, fill);
+  Image(int width, int height, T fill) : Image(width, height, Unfilled{}) {
+    std::uninitialized_fill_n(data_.get(), pixel_count(), fill);
   }
   Image(Image&& other) noexcept { *this = std::move(other); }
   Image& operator=(Image&& other) noexcept {
@@ -101,8 +100,8 @@ class Image {
   Image& operator=(const Image&) = delete;
 
   Image Clone() const {
-    Image copy(width_, height_);
-    std::copy_n(data_.get(), pixel_count(), copy.data_.get());
+    Image copy(width_, height_, Unfilled{});
+    std::uninitialized_copy_n(data_.get(), pixel_count(), copy.data_.get());
     return copy;
   }
   void Fill(T value) { std::fill_n(data_.get(), pixel_count(), value); }
@@ -125,8 +124,14 @@ class Image {
   operator ImageView<const T>() const { return view(); }  // NOLINT(google-explicit-constructor)
 
  private:
+  struct Unfilled {};
+  Image(int width, int height, Unfilled) : width_(width), height_(height) {
+    assert(width >= 0 && height >= 0);
+    if (pixel_count() > 0) data_.reset(static_cast<T*>(AllocatePixels(pixel_count() * sizeof(T))));
+  }
+
   struct Free {
-    void operator()(T* pointer) const { std::free(pointer); }
+    void operator()(T* pixels) const { FreePixels(pixels); }
   };
   std::unique_ptr<T, Free> data_;
   int width_ = 0, height_ = 0;

@@ -24,7 +24,7 @@ const std::vector<std::string>& PresetNames() {
 
 const std::vector<std::string>& PartNames() {
   static const auto* const kNames = new std::vector<std::string>{
-      "settle", "recover", "draw", "solve", "propagation", "median", "witnesses", "silhouettes", "opti",
+      "settle", "recover", "thin", "draw", "solve", "propagation", "median", "witnesses", "silhouettes", "opti",
       "point",  "plane",   "proj", "rigid", "reg",         "short",  "occlusion", "topology"};
   return *kNames;
 }

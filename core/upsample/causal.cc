@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -14,6 +15,7 @@
 #include "core/upsample/keys.h"
 #include "core/upsample/motion_options.h"
 #include "core/upsample/stage_runner.h"
+#include "core/upsample/thin_motion.h"
 
 namespace depthtween {
 namespace {
@@ -95,6 +97,7 @@ struct Frame {
   Image<uint8_t> luma;
   Image<Flow2> step_back;          // to the frame before; empty for the key's own
   Image<Flow2> composed, refined;  // to the key
+  Image<Flow2> thin;               // the same, of thin things alone; may be empty
   Fused fused;
   DepthResult result;
 };
@@ -125,6 +128,7 @@ class CausalRun {
         RETURN_IF_ERROR(stages_.Stage("read", [&] { return Read(first, count); }));
         RETURN_IF_ERROR(stages_.Stage("flow", [&] { return StepBack(); }));
         RETURN_IF_ERROR(stages_.Stage("track", [&] { return FlowToKey(); }));
+        RETURN_IF_ERROR(stages_.Stage("thin", [&] { return FollowThinThings(); }));
         RETURN_IF_ERROR(stages_.Stage("choose", [&] { return ChooseAndGoOn(); }));
         RETURN_IF_ERROR(stages_.Stage("edges", [&] { return SettleEdges(); }));
         RETURN_IF_ERROR(stages_.Stage("deliver", [&] { return Deliver(sink); }));
@@ -164,6 +168,7 @@ class CausalRun {
       measured = SettleWhereStill(measured, key_frame_.color, witnesses, noise_, context_.threads);
     }
     PrepareKey(measured, key_frame_.color, noise_, context_.threads, key_);
+    if (options_.thin) thin_things_.emplace(key_, key_frame_.color, noise_);
     last_.clear();
     return absl::OkStatus();
   }
@@ -281,6 +286,13 @@ class CausalRun {
     });
   }
 
+  absl::Status FollowThinThings() {
+    if (!thin_things_) return absl::OkStatus();
+    for (Frame& frame : frames_)
+      if (frame.index != key_frame_.index) frame.thin = thin_things_->Follow(frame.color, {});
+    return absl::OkStatus();
+  }
+
   int ThreadsPerFrame() const { return std::max(1, context_.threads / static_cast<int>(frames_.size())); }
 
   absl::Status ChooseAndGoOn() {
@@ -291,6 +303,8 @@ class CausalRun {
       const Image<Flow2> still(frame.color.width(), frame.color.height());
       ChooseInput input{.target = &target, .keys = {&key_, nullptr}, .tau = 0, .noise = noise_};
       input.proposals[0] = {frame.refined, frame.composed, still};
+      input.thin[0] = frame.thin;
+      if (!frame.thin.empty()) input.proposals[0].push_back(frame.thin);
       const Choice choice = Choose(input, {.sweeps = options_.sweeps}, inner);
       frame.fused = Fuse(input, choice, inner);
       GoOn(choice.sides[0], frame);
@@ -398,6 +412,7 @@ class CausalRun {
 
   Key key_;
   Frame key_frame_;
+  std::optional<ThinMotion> thin_things_;  // of the key, followed up to the frame computed last
   Image<float> trend_mps_;  // per pixel of the key, metres a second; 0 where it stands still or nothing is known
   double trend_limit_s_ = 0;
   std::vector<Frame> frames_;  // being computed

@@ -109,7 +109,12 @@ Image<uint8_t> Uncertain(const ChooseInput& input, const Choice& choice, int thr
         const float a = before.depth_m(x, y), b = after.depth_m(x, y);
         const float cost = std::max(before.cost(x, y), after.cost(x, y));
         const bool agree = !two_sides || std::abs(a - b) <= kSidesDiffer * std::min(a, b);
-        mask(x, y) = mask(x, y) || other(x, y) || !agree || cost > kHighCost;
+        const auto thin = [&](int side) {
+          if (input.thin[side].empty()) return false;
+          const Flow2 m = input.thin[side](x, y);
+          return m.u != 0 || m.v != 0;
+        };
+        mask(x, y) = mask(x, y) || other(x, y) || !agree || cost > kHighCost || thin(0) || thin(1);
         if (!mask(x, y) || !two_sides || !agree || cost >= kConfirmedCost) continue;
         const auto measured = [&](int s) {
           const Flow2 m = choice.sides[s].motion(x, y);

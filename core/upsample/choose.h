@@ -23,6 +23,8 @@ struct ChooseInput {
   std::array<const Key*, 2> keys = {};
   // Proposed motions target -> key. The first is evaluated everywhere, the others where the match is uncertain.
   std::array<std::vector<ImageView<const Flow2>>, 2> proposals;
+  // Of these, one that is not (0, 0) is compared with the first however certain that is. May be empty.
+  std::array<ImageView<const Flow2>, 2> thin;
   float tau = 0.5F;  // the target's time between the keys, 0..1
   DepthNoise noise;
 };

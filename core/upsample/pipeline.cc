@@ -21,6 +21,7 @@
 #include "core/upsample/motion_options.h"
 #include "core/upsample/silhouettes.h"
 #include "core/upsample/stage_runner.h"
+#include "core/upsample/thin_motion.h"
 
 namespace depthtween {
 namespace {
@@ -90,6 +91,7 @@ class IntervalRun {
       RETURN_IF_ERROR(stages_.Stage("track", [&] { return FlowToKeys(); }));
       RETURN_IF_ERROR(stages_.Stage("solve", [&] { return SolveMotion(); }));
       RETURN_IF_ERROR(stages_.Stage("draw", [&] { return DrawKeys(); }));
+      RETURN_IF_ERROR(stages_.Stage("thin", [&] { return FollowThinThings(); }));
       RETURN_IF_ERROR(stages_.Stage("choose", [&] { return ChooseAndFuse(); }));
       RETURN_IF_ERROR(stages_.Stage("edges", [&] { return SettleEdges(); }));
       RETURN_IF_ERROR(stages_.Stage("silhouettes", [&] { return DecideSilhouettes(); }));
@@ -297,6 +299,22 @@ class IntervalRun {
     return absl::OkStatus();
   }
 
+  // Both ways from both keys, as frames before the first key's or after the last one's may be asked for.
+  absl::Status FollowThinThings() {
+    for (int side = 0; side < 2; ++side) thin_[side].resize(window_.size());
+    if (!options_.thin) return absl::OkStatus();
+    return stages_.SideBySide(4, [&](int i) {
+      const int side = i % 2, step = i < 2 ? 1 : -1, key = KeyInWindow(side);
+      const int last = FrameInWindow(step > 0 ? interval_.frame_count - 1 : 0);
+      if (step * key >= step * last) return absl::OkStatus();
+      ThinMotion things(keys_[side], window_.color[key], noise_);
+      for (int frame = key + step; step * frame <= step * last; frame += step)
+        thin_[side][frame] =
+            things.Follow(window_.color[frame], step > 0 ? forward_[frame - 1] : backward_[frame]);
+      return absl::OkStatus();
+    });
+  }
+
   absl::Status ChooseAndFuse() {
     fused_.resize(interval_.frame_count);
     choices_.resize(interval_.frame_count);
@@ -310,12 +328,13 @@ class IntervalRun {
       for (int side = 0; side < 2; ++side)
         for (const Image<Flow2>* motion :
              {&std::as_const(refined_[side][frame]), &std::as_const(composed_[side][frame]),
-              &std::as_const(drawn_[side][frame]), &still})
+              &std::as_const(drawn_[side][frame]), &std::as_const(thin_[side][frame]), &still})
           if (!motion->empty()) input.proposals[side].push_back(*motion);
+      for (int side = 0; side < 2; ++side) input.thin[side] = thin_[side][frame];
       choices_[i] = Choose(input, {.sweeps = options_.sweeps}, inner);
       fused_[i] = Fuse(input, choices_[i], inner);
       // Nothing else looks at these again; a long interval holds many.
-      for (auto* motions : {composed_, refined_, drawn_})
+      for (auto* motions : {composed_, refined_, drawn_, thin_})
         for (int side = 0; side < 2; ++side) motions[side][frame] = {};
       return absl::OkStatus();
     });
@@ -448,7 +467,7 @@ class IntervalRun {
   Image<float> measured_[2];
   Key keys_[2];
   std::vector<Image<Flow2>> forward_, backward_;                   // [i]: frame i <-> i + 1 of the window
-  std::vector<Image<Flow2>> composed_[2], refined_[2], drawn_[2];  // [side][frame of the window]: to the key
+  std::vector<Image<Flow2>> composed_[2], refined_[2], drawn_[2], thin_[2];  // [side][frame of the window]: to the key
   std::optional<KeySurface> surfaces_[2];
   std::vector<Choice> choices_;        // [frame of the interval]
   std::vector<Fused> fused_;           // [frame of the interval]
@@ -479,6 +498,7 @@ struct Part {
 constexpr Part kParts[] = {
     {"settle", [](const auto& o) { return o.settle_reach > 0; }, [](auto& o) { o.settle_reach = 0; }},
     {"recover", [](const auto& o) { return o.recover; }, [](auto& o) { o.recover = false; }},
+    {"thin", [](const auto& o) { return o.thin; }, [](auto& o) { o.thin = false; }},
     {"draw", [](const auto& o) { return o.draw; }, [](auto& o) { o.draw = false; }},
     {"solve", [](const auto& o) { return o.draw && o.solve; }, [](auto& o) { o.solve = false; }},
     {"propagation", [](const auto& o) { return o.sweeps > 0; }, [](auto& o) { o.sweeps = 0; }},

@@ -39,6 +39,7 @@ struct PipelineOptions {
   // Stages that one can do without, to learn what each is worth.
   bool settle = true;   // keys by the depth frames before and after them, where the scene stood still
   bool recover = true;  // the motion of small, fast things that the flow between neighbours loses
+  bool thin = true;     // the motion of thin things, which flow loses to what lies behind them
   bool draw = false;    // keys' surfaces moved and drawn as proposals: helps fast motion alone, so only "best" does
   bool solve = false;   // where they move to is solved for by all frames together; else composed flow says. Needs draw
   SolveOptions solver;
