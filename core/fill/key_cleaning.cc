@@ -241,14 +241,14 @@ Image<float> DenoiseInLayers(ImageView<const float> depth_m, ImageView<const flo
             const Lanes difference = AbsLanes(LoadLanes(rows[0] + dx) - here[0]) +
                                      AbsLanes(LoadLanes(rows[1] + dx) - here[1]) +
                                      AbsLanes(LoadLanes(rows[2] + dx) - here[2]);
-            const Lanes colour = difference * (1.0F / 90.0F);
+            const Lanes colour = difference * (1.0F / 45.0F);
             weights[tap++] =
                 KeepLanes(LoadLanes(inverse_row + dx) > 0, LoadLanes(reliability_row + dx) / (1.0F + colour * colour));
           }
         }
         // Affine fit of 1/z about the pixel, twice: first gated around the pixel's own depth, then around the first
         // fit, so that a noisy centre does not decide who its neighbours are. Gates in inverse depth: dz / z^2.
-        const Lanes gate = 3.0F * sigma * inverse * inverse, slant = 0.015F * inverse;
+        const Lanes gate = 3.0F * sigma * inverse * inverse, slant = 0.008F * inverse;
         Lanes c0 = inverse, cx = {}, cy = {};
         LaneInts fitted = {}, going = known;
         for (int round = 0; round < 2; ++round) {
@@ -262,7 +262,7 @@ Image<float> DenoiseInLayers(ImageView<const float> depth_m, ImageView<const flo
             for (int dx = -radius; dx <= radius; ++dx) {
               const auto fx = static_cast<float>(dx);
               const Lanes v = LoadLanes(inverse_row + dx);
-              // Before the first fit a slant shows as a difference: allow it 1.5 % a pixel.
+              // Before the first fit a slant shows as a difference: allow it 0.8 % a pixel.
               const Lanes allowed =
                   round == 0 ? gate + slant * static_cast<float>(std::max(std::abs(dx), std::abs(dy))) : gate;
               const Lanes weight = KeepLanes(AbsLanes(v - (row_fit + cx * fx)) <= allowed, weights[tap++]);

@@ -97,12 +97,41 @@ Image<uint8_t> Dilate(const Image<uint8_t>& mask, int radius, int threads) {
   return out;
 }
 
+// Marks the pixels from which the next to the right or below lies in another layer.
+void MarkDepthJumps(ImageView<const float> depth_m, const DepthNoise& noise, int threads, Image<uint8_t>& jumps) {
+  const int width = depth_m.width(), height = depth_m.height();
+  // Marks pixels of `a` that lie in another layer than those of `b`.
+  const auto mark = [noise](const float* a, const float* b, uint8_t* to, int count) {
+    int x = 0;
+    for (; x + kLanes <= count; x += kLanes) {
+      const Lanes za = LoadLanes(a + x), zb = LoadLanes(b + x);
+      const Lanes nearer = MinLanes(za, zb);
+      const Lanes widest = kLayerGap * nearer + 4.0F * (noise.a_m + noise.b_per_m * nearer * nearer);
+      const LaneInts other = ~(AbsLanes(za - zb) <= widest);
+      typedef uint8_t Bytes __attribute__((vector_size(kLanes)));
+      Bytes marked;
+      std::memcpy(&marked, to + x, sizeof(marked));
+      marked |= __builtin_convertvector(other & 1, Bytes);
+      std::memcpy(to + x, &marked, sizeof(marked));
+    }
+    for (; x < count; ++x) to[x] |= static_cast<uint8_t>(!SameLayer(a[x], b[x], noise));
+  };
+  ParallelRows(height, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y) {
+      mark(depth_m.row(y), depth_m.row(y) + 1, jumps.row(y), width - 1);
+      if (y + 1 < height) mark(depth_m.row(y), depth_m.row(y + 1), jumps.row(y), width);
+    }
+  });
+}
+
 Image<uint8_t> Uncertain(const ChooseInput& input, const Choice& choice, int threads) {
   const SideChoice& before = choice.sides[0];
   const SideChoice& after = choice.sides[1];
   const bool two_sides = input.keys[1] != nullptr;
-  Image<uint8_t> mask = NearDepthJumps(before.depth_m, kJumpRadius, input.noise, threads);
-  const Image<uint8_t> other = NearDepthJumps(after.depth_m, kJumpRadius, input.noise, threads);
+  Image<uint8_t> jumps(before.depth_m.width(), before.depth_m.height());
+  MarkDepthJumps(before.depth_m, input.noise, threads, jumps);
+  if (two_sides) MarkDepthJumps(after.depth_m, input.noise, threads, jumps);
+  Image<uint8_t> mask = Dilate(jumps, kJumpRadius, threads);
   ParallelRows(mask.height(), threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < mask.width(); ++x) {
@@ -114,7 +143,7 @@ Image<uint8_t> Uncertain(const ChooseInput& input, const Choice& choice, int thr
           const Flow2 m = input.thin[side](x, y);
           return m.u != 0 || m.v != 0;
         };
-        mask(x, y) = mask(x, y) || other(x, y) || !agree || cost > kHighCost || thin(0) || thin(1);
+        mask(x, y) = mask(x, y) || !agree || cost > kHighCost || thin(0) || thin(1);
         if (!mask(x, y) || !two_sides || !agree || cost >= kConfirmedCost) continue;
         const auto measured = [&](int s) {
           const Flow2 m = choice.sides[s].motion(x, y);
@@ -163,30 +192,8 @@ float SampleDepthInLayer(ImageView<const float> depth_m, float x, float y, const
 }
 
 Image<uint8_t> NearDepthJumps(ImageView<const float> depth_m, int radius, const DepthNoise& noise, int threads) {
-  const int width = depth_m.width(), height = depth_m.height();
-  Image<uint8_t> jumps(width, height);
-  // Marks pixels of `a` that lie in another layer than those of `b`.
-  const auto mark = [noise](const float* a, const float* b, uint8_t* to, int count) {
-    int x = 0;
-    for (; x + kLanes <= count; x += kLanes) {
-      const Lanes za = LoadLanes(a + x), zb = LoadLanes(b + x);
-      const Lanes nearer = MinLanes(za, zb);
-      const Lanes widest = kLayerGap * nearer + 4.0F * (noise.a_m + noise.b_per_m * nearer * nearer);
-      const LaneInts other = ~(AbsLanes(za - zb) <= widest);
-      typedef uint8_t Bytes __attribute__((vector_size(kLanes)));
-      Bytes marked;
-      std::memcpy(&marked, to + x, sizeof(marked));
-      marked |= __builtin_convertvector(other & 1, Bytes);
-      std::memcpy(to + x, &marked, sizeof(marked));
-    }
-    for (; x < count; ++x) to[x] |= static_cast<uint8_t>(!SameLayer(a[x], b[x], noise));
-  };
-  ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y) {
-      mark(depth_m.row(y), depth_m.row(y) + 1, jumps.row(y), width - 1);
-      if (y + 1 < height) mark(depth_m.row(y), depth_m.row(y + 1), jumps.row(y), width);
-    }
-  });
+  Image<uint8_t> jumps(depth_m.width(), depth_m.height());
+  MarkDepthJumps(depth_m, noise, threads, jumps);
   return Dilate(jumps, radius, threads);
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "core/base/parallel.h"
 
@@ -95,17 +96,30 @@ Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, co
   Image<float> sigma(width, height);
   const Image<uint8_t> near_jump = NearDepthJumps(depth_m, kJumpReach, noise, threads);
   ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y)
+    // Of each column, the nearest and the farthest depth within kJumpReach rows; +inf and 0 where all are unknown.
+    std::vector<float> nearest(width), farthest(width);
+    for (int y = begin; y < end; ++y) {
+      std::fill(nearest.begin(), nearest.end(), std::numeric_limits<float>::infinity());
+      std::fill(farthest.begin(), farthest.end(), 0.0F);
+      for (int ny = std::max(0, y - kJumpReach); ny <= std::min(height - 1, y + kJumpReach); ++ny) {
+        const float* const row = depth_m.row(ny);
+        for (int x = 0; x < width; ++x) {
+          nearest[x] = row[x] > 0 && row[x] < nearest[x] ? row[x] : nearest[x];
+          farthest[x] = row[x] > farthest[x] ? row[x] : farthest[x];
+        }
+      }
       for (int x = 0; x < width; ++x) {
         const float z = depth_m(x, y);
         if (z <= 0) continue;
         // The farthest another layer lies within two pixels: what being on the wrong side of the edge would cost.
         float step = 0;
-        for (int dy = -kJumpReach; near_jump(x, y) && dy <= kJumpReach; ++dy)
-          for (int dx = -kJumpReach; dx <= kJumpReach; ++dx) {
-            const float other = depth_m.Clamped(x + dx, y + dy);
-            if (other > 0 && !SameLayer(z, other, noise)) step = std::max(step, std::abs(other - z));
-          }
+        if (near_jump(x, y)) {
+          float least = z, most = z;
+          for (int nx = std::max(0, x - kJumpReach); nx <= std::min(width - 1, x + kJumpReach); ++nx)
+            least = std::min(least, nearest[nx]), most = std::max(most, farthest[nx]);
+          if (!SameLayer(z, most, noise)) step = most - z;
+          if (!SameLayer(least, z, noise)) step = std::max(step, z - least);
+        }
         const float mismatch = -kCostScale * std::log(fused.confidence(x, y));  // the cost again, sRGB units
         const float wrong_side = std::clamp(mismatch * kWrongSidePerCost, kLeastWrongSide, 0.5F) * step;
         const float spread = fused.spread_m(x, y);
@@ -120,6 +134,7 @@ Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, co
             sensor * sensor + wrong_side * wrong_side + disagreement * disagreement + drift * drift + guess * guess;
         sigma(x, y) = std::sqrt(variance);
       }
+    }
   });
   return sigma;
 }

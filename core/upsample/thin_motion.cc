@@ -11,10 +11,11 @@
 namespace depthtween {
 namespace {
 
-constexpr int kThin = 10;         // what is narrower is thin, pixels
+constexpr int kThin = 20;         // what is narrower is thin, pixels
 constexpr int kCell = 3;          // one pixel of a thin thing's edge is followed in each square cell of this side
 constexpr int kWindowRadius = 7;  // by the pixels of its layer so far around it, ...
-constexpr size_t kFewest = 12;    // of which there must be so many
+constexpr size_t kFewest = 12;    // of which there must be so many; ...
+constexpr size_t kMany = 100;     // ... of more than this, every second one will do
 constexpr int kReach = 3;         // pixels from where it is expected ...
 constexpr int kFirstReach = 6;    // ... and in the first frame, whose motion nothing foretells
 // Mean differences over a window's pixels, sRGB units a channel.
@@ -64,6 +65,8 @@ ThinMotion::ThinMotion(const Key& key, ImageView<const Rgb8> color, const DepthN
           if (color.Contains(x, y) && key.distance(x, y) == 0 && SameLayer(z, key.depth_m(x, y), noise))
             place.pixels.push_back({static_cast<int8_t>(dx), static_cast<int8_t>(dy), color(x, y)});
         }
+      if (place.pixels.size() > kMany)
+        std::erase_if(place.pixels, [](const WindowPixel& p) { return (p.dx + p.dy) % 2 != 0; });
       if (place.pixels.size() >= kFewest) places_.push_back(std::move(place));
     }
 }

@@ -87,9 +87,9 @@ TEST(ThinMotion, LeavesToFlowWhatFlowExplains) {
 }
 
 TEST(ThinMotion, LooksForThinThingsAlone) {
-  const Scene scene = BarAt(kLeft, 16);
+  const Scene scene = BarAt(kLeft, 28);
   ThinMotion things(KeyOf(scene), scene.color, kNoise);
-  EXPECT_EQ(Proposed(things.Follow(BarAt(kLeft + kStep, 16).color, Everywhere({}))), 0);
+  EXPECT_EQ(Proposed(things.Follow(BarAt(kLeft + kStep, 28).color, Everywhere({}))), 0);
 }
 
 // Behind the picture's edge, or behind something else, nothing is made up, and nothing comes back by chance.
