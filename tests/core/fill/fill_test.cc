@@ -165,10 +165,10 @@ float PlainFit(const Image<float>& depth, const Image<float>& distance, const Im
         if (!depth.Contains(x + dx, y + dy) || depth(x + dx, y + dy) <= 0) continue;
         const double v = 1.0 / depth(x + dx, y + dy);
         const double allowed =
-            3 * sigma * inverse * inverse + (round == 0 ? 0.015 * inverse * std::max(std::abs(dx), std::abs(dy)) : 0);
+            3 * sigma * inverse * inverse + (round == 0 ? 0.008 * inverse * std::max(std::abs(dx), std::abs(dy)) : 0);
         if (std::abs(v - (c0 + cx * dx + cy * dy)) > allowed) continue;
         const Rgb8 a = color(x, y), b = color(x + dx, y + dy);
-        const double colour = (std::abs(a.r - b.r) + std::abs(a.g - b.g) + std::abs(a.b - b.b)) / 90.0;
+        const double colour = (std::abs(a.r - b.r) + std::abs(a.g - b.g) + std::abs(a.b - b.b)) / 45.0;
         const double w = 1 / ((1 + distance(x + dx, y + dy)) * (1 + colour * colour));
         s += w, sx += w * dx, sy += w * dy, sxx += w * dx * dx, sxy += w * dx * dy, syy += w * dy * dy;
         sv += w * (v - inverse), sxv += w * dx * (v - inverse), syv += w * dy * (v - inverse);
