@@ -24,8 +24,8 @@ const std::vector<std::string>& PresetNames() {
 
 const std::vector<std::string>& PartNames() {
   static const auto* const kNames = new std::vector<std::string>{
-      "settle", "recover", "thin", "draw", "solve", "propagation", "median", "witnesses", "silhouettes", "opti",
-      "point",  "plane",   "proj", "rigid", "reg",         "short",  "occlusion", "topology"};
+      "settle", "recover", "thin",  "draw", "solve", "propagation", "median", "witnesses", "silhouettes",
+      "opti",   "point",   "plane", "proj", "rigid", "reg",         "short",  "occlusion", "topology"};
   return *kNames;
 }
 

@@ -309,8 +309,7 @@ class IntervalRun {
       if (step * key >= step * last) return absl::OkStatus();
       ThinMotion things(keys_[side], window_.color[key], noise_);
       for (int frame = key + step; step * frame <= step * last; frame += step)
-        thin_[side][frame] =
-            things.Follow(window_.color[frame], step > 0 ? forward_[frame - 1] : backward_[frame]);
+        thin_[side][frame] = things.Follow(window_.color[frame], step > 0 ? forward_[frame - 1] : backward_[frame]);
       return absl::OkStatus();
     });
   }
@@ -466,7 +465,7 @@ class IntervalRun {
   Window window_;
   Image<float> measured_[2];
   Key keys_[2];
-  std::vector<Image<Flow2>> forward_, backward_;                   // [i]: frame i <-> i + 1 of the window
+  std::vector<Image<Flow2>> forward_, backward_;                             // [i]: frame i <-> i + 1 of the window
   std::vector<Image<Flow2>> composed_[2], refined_[2], drawn_[2], thin_[2];  // [side][frame of the window]: to the key
   std::optional<KeySurface> surfaces_[2];
   std::vector<Choice> choices_;        // [frame of the interval]

@@ -117,8 +117,7 @@ Image<Flow2> ThinMotion::Follow(ImageView<const Rgb8> color, ImageView<const Flo
       const int from_u = best_u, from_v = best_v;
       for (int dv = -reach; dv <= reach; ++dv)
         for (int du = -reach; du <= reach; ++du)
-          look(from_u + du, from_v + dv,
-               kCostPerPixel * std::hypot(static_cast<float>(du), static_cast<float>(dv)));
+          look(from_u + du, from_v + dv, kCostPerPixel * std::hypot(static_cast<float>(du), static_cast<float>(dv)));
     }
     place.in_sight = best <= kFound;
     if (!place.in_sight) continue;

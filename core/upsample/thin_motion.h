@@ -1,6 +1,6 @@
-// Motion of thin things - ropes, bars, fingers - away from a key. A window around them shows mostly what lies behind, and
-// flow follows that. The key's depth tells which of a window's pixels are theirs, and those alone are looked for, frame
-// after frame. What flow explains is left to it; what is found is a proposal among others (choose.h).
+// Motion of thin things - ropes, bars, fingers - away from a key. A window around them shows mostly what lies behind,
+// and flow follows that. The key's depth tells which of a window's pixels are theirs, and those alone are looked for,
+// frame after frame. What flow explains is left to it; what is found is a proposal among others (choose.h).
 //
 // Shapes:   all images W x H.  Units: pixels.
 // Threads:  one thread at a time.
@@ -19,10 +19,9 @@ class ThinMotion {
   // `color` is the one that the key is seen in; neither is kept.
   ThinMotion(const Key& key, ImageView<const Rgb8> color, const DepthNoise& noise);
 
-  // The next frame away from the key, nearest first. `forward` is the flow from the frame before (the key, for the first)
-  // to this one; empty, it says that nothing moves.
-  // Returns the motion from this frame to the key in and beside thin things that were found where flow does not have
-  // them; (0, 0) elsewhere.
+  // The next frame away from the key, nearest first. `forward` is the flow from the frame before (the key, for the
+  // first) to this one; empty, it says that nothing moves. Returns the motion from this frame to the key in and beside
+  // thin things that were found where flow does not have them; (0, 0) elsewhere.
   Image<Flow2> Follow(ImageView<const Rgb8> color, ImageView<const Flow2> forward);
 
  private:

@@ -15,7 +15,9 @@ constexpr float kNear = 1.5F, kFar = 3.0F;
 constexpr DepthNoise kNoise{};
 
 Rgb8 Wall(int x, int y) {
-  const auto wave = [&](double a, double b) { return static_cast<uint8_t>(std::lround(120 + 70 * std::sin(a * x + b * y))); };
+  const auto wave = [&](double a, double b) {
+    return static_cast<uint8_t>(std::lround(120 + 70 * std::sin(a * x + b * y)));
+  };
   return {wave(0.41, 0.27), wave(0.33, -0.52), wave(-0.22, 0.61)};
 }
 
@@ -37,12 +39,13 @@ Scene BarAt(int left, int thickness) {
 }
 
 Key KeyOf(const Scene& scene) {
-  return {.depth_m = scene.depth_m.Clone(), .distance = Image<float>(kWidth, kHeight), .image = MatchImage(scene.color)};
+  return {
+      .depth_m = scene.depth_m.Clone(), .distance = Image<float>(kWidth, kHeight), .image = MatchImage(scene.color)};
 }
 
 int Proposed(const Image<Flow2>& motion) {
-  return static_cast<int>(std::count_if(motion.data(), motion.data() + motion.pixel_count(),
-                                        [](Flow2 m) { return m.u != 0 || m.v != 0; }));
+  return static_cast<int>(
+      std::count_if(motion.data(), motion.data() + motion.pixel_count(), [](Flow2 m) { return m.u != 0 || m.v != 0; }));
 }
 
 Image<Flow2> Everywhere(Flow2 motion) {
