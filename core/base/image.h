@@ -74,8 +74,6 @@ class ImageView {
 // page from the system costs as much as computing on it. Throws std::bad_alloc.
 void* AllocatePixels(size_t bytes);
 void FreePixels(void* pixels) noexcept;
-// Gives what is kept back to the system.
-void ReleaseFreedPixels();
 
 // Owned pixels: contiguous (stride == width), 64-byte aligned, move-only (Clone() copies, visibly).
 template <typename T>
