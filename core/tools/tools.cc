@@ -59,8 +59,8 @@ int Main(int argc, const char* const* argv) {
   }
   // Threads are shared out by our own loops, once; OpenCV dividing again inside each would only contend.
   cv::setNumThreads(1);
-  // Large blocks that are no images (those have memory of their own, core/base/image.h) go back to the system when freed,
-  // instead of leaving holes in a heap that grows with the length of the clip.
+  // Large blocks that are no images (those have memory of their own, core/base/image.h) go back to the system when
+  // freed, instead of leaving holes in a heap that grows with the length of the clip.
   mallopt(M_MMAP_THRESHOLD, 64 * 1024);
   // What is smaller comes from one heap: frames are written by threads that come and go, and each heap of theirs would
   // keep its own fragments (400 frames of stereo at 240 x 160: 54 MiB, as 65 frames, instead of 115).
