@@ -30,6 +30,21 @@ TEST(Image, MovesWithoutCopyAndLeavesNothing) {
   EXPECT_EQ(reinterpret_cast<uintptr_t>(b.data()) % 64, 0U);
 }
 
+// The memory of an image that was freed may be the next one's: nothing of the old one shows, and rows can be loaded
+// whole.
+TEST(Image, IsZeroAndAlignedWhateverWasFreedBefore) {
+  for (int round = 0; round < 3; ++round) {
+    Image<int> image(301, 203);
+    EXPECT_EQ(reinterpret_cast<uintptr_t>(image.data()) % 64, 0U);
+    for (size_t i = 0; i < image.pixel_count(); ++i) ASSERT_EQ(image.data()[i], 0) << "pixel " << i;
+    image.Fill(7 + round);
+    const Image<int> copy = image.Clone();
+    image.Fill(1);
+    for (size_t i = 0; i < copy.pixel_count(); ++i) ASSERT_EQ(copy.data()[i], 7 + round) << "pixel " << i;
+  }
+  EXPECT_TRUE(Image<int>(0, 5).empty());
+}
+
 TEST(ParallelFor, VisitsEveryItemOnce) {
   for (int threads : {1, 2, 5}) {
     std::vector<std::atomic<int>> visits(100);
