@@ -1,6 +1,7 @@
 // The client against a server that fails as networks do: whatever is cut or damaged on the way, what arrives is whole.
 
 #include <gmock/gmock.h>
+#include <google/protobuf/message.h>
 #include <gtest/gtest.h>
 
 #include <set>
@@ -127,6 +128,43 @@ TEST_F(ClientTest, SubmittingAgainIsTheSameRequestAndOtherOptionsAnother) {
   EXPECT_EQ(ids[0], ids[9]) << "said or not, it is the default";
   EXPECT_EQ(std::set<std::string>(ids.begin(), ids.end()).size(), 8U);
   EXPECT_EQ(server_.jobs.retries, 0);
+}
+
+// Whatever field of its options an order sets, it is another request: a new one cannot be forgotten here.
+TEST_F(ClientTest, EveryOptionIsPartOfTheRequest) {
+  const auto set = [](google::protobuf::Message& options, const google::protobuf::FieldDescriptor* field) {
+    const auto* const reflection = options.GetReflection();
+    switch (field->cpp_type()) {
+      case google::protobuf::FieldDescriptor::CPPTYPE_BOOL:
+        return reflection->SetBool(&options, field, true);
+      case google::protobuf::FieldDescriptor::CPPTYPE_INT32:
+        return reflection->SetInt32(&options, field, 2);
+      case google::protobuf::FieldDescriptor::CPPTYPE_DOUBLE:
+        return reflection->SetDouble(&options, field, 2);
+      case google::protobuf::FieldDescriptor::CPPTYPE_ENUM:
+        return field->is_repeated() ? reflection->AddEnumValue(&options, field, 1)
+                                    : reflection->SetEnumValue(&options, field, 3);
+      default:
+        return field->is_repeated() ? reflection->AddString(&options, field, "x")
+                                    : reflection->SetString(&options, field, "x");
+    }
+  };
+  ASSERT_TRUE(SubmitJob(*connection_, v1::Job()).ok());
+  for (int i = 0; i < v1::UpsampleOptions::descriptor()->field_count(); ++i) {
+    v1::Job job;
+    set(*job.mutable_options(), v1::UpsampleOptions::descriptor()->field(i));
+    ASSERT_TRUE(SubmitJob(*connection_, job).ok());
+  }
+  v1::Job scene_flow;
+  scene_flow.mutable_scene_flow_options();
+  ASSERT_TRUE(SubmitJob(*connection_, scene_flow).ok());
+  for (int i = 0; i < v1::SceneFlowOptions::descriptor()->field_count(); ++i) {
+    v1::Job job;
+    set(*job.mutable_scene_flow_options(), v1::SceneFlowOptions::descriptor()->field(i));
+    ASSERT_TRUE(SubmitJob(*connection_, job).ok());
+  }
+  const auto& ids = server_.jobs.request_ids;
+  EXPECT_EQ(std::set<std::string>(ids.begin(), ids.end()).size(), ids.size());
 }
 
 TEST_F(ClientTest, SubmittingACancelledJobQueuesItAgain) {
