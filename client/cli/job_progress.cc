@@ -1,8 +1,13 @@
 #include "client/cli/job_progress.h"
 
+#include <vector>
+
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/strip.h"
 #include "client/cli/common.h"
 #include "client/cli/progress_line.h"
 #include "client/lib/jobs.h"
@@ -41,6 +46,11 @@ std::string DescribeProgress(const v1::Job& job) {
 
 namespace {
 
+// "METHOD_FLOW_WARP" -> "flow-warp", as flags name it.
+std::string NameOf(const std::string& name, absl::string_view prefix) {
+  return absl::StrReplaceAll(absl::AsciiStrToLower(absl::StripPrefix(name, prefix)), {{"_", "-"}});
+}
+
 std::string Millimetres(double value) { return absl::StrFormat("%.1f", value); }
 
 // As `depthtween-core upsample --self-check` prints it.
@@ -77,6 +87,44 @@ std::string DescribeClock(const v1::ClockEstimate& estimate) {
 }
 
 }  // namespace
+
+std::string DescribeOptions(const v1::Job& job) {
+  std::vector<std::string> flags;
+  const auto list = [&](const char* flag, const auto& names) {
+    if (!names.empty()) flags.push_back(absl::StrCat(flag, " ", Printable(absl::StrJoin(names, ","))));
+  };
+  if (job.has_scene_flow_options()) {
+    const v1::SceneFlowOptions& options = job.scene_flow_options();
+    if (options.method() > v1::SceneFlowOptions::METHOD_OURS) {
+      flags.push_back("--method " + NameOf(v1::SceneFlowOptions::Method_Name(options.method()), "METHOD_"));
+    }
+    std::vector<std::string> formats;
+    for (const int format : options.formats()) {
+      formats.push_back(
+          NameOf(v1::SceneFlowOptions::Format_Name(static_cast<v1::SceneFlowOptions::Format>(format)), "FORMAT_"));
+    }
+    if (formats != std::vector<std::string>{"npz"}) list("--format", formats);
+    if (options.every() > 1) flags.push_back(absl::StrCat("--every ", options.every()));
+  } else {
+    const v1::UpsampleOptions& options = job.options();
+    if (options.method() > v1::UpsampleOptions::METHOD_OURS) {
+      flags.push_back("--method " + NameOf(v1::UpsampleOptions::Method_Name(options.method()), "METHOD_"));
+    }
+    if (options.preset() != v1::UpsampleOptions::PRESET_UNSPECIFIED &&
+        options.preset() != v1::UpsampleOptions::PRESET_BALANCED) {
+      flags.push_back("--preset " + NameOf(v1::UpsampleOptions::Preset_Name(options.preset()), "PRESET_"));
+    }
+    if (options.key_every() > 1) flags.push_back(absl::StrCat("--key-every ", options.key_every()));
+    list("--without", options.without());
+    list("--literal", options.literal());
+    if (options.causal()) flags.emplace_back("--causal");
+    if (!options.clock().empty() && options.clock() != "stamps")
+      flags.push_back("--clock=" + Printable(options.clock()));
+    if (options.scene_flow()) flags.emplace_back("--scene-flow");
+    if (options.self_check()) flags.emplace_back("--self-check");
+  }
+  return flags.empty() ? "" : absl::StrCat("asked for: ", absl::StrJoin(flags, " "), "\n");
+}
 
 std::string DescribeMeasured(const v1::Job& job) {
   std::string text;

@@ -42,7 +42,8 @@ int Status(const StatusOptions& options) {
   if (options.common.json) {
     PrintJson(ToJson(*job));
   } else {
-    std::cout << job->name() << ": " << DescribeProgress(*job) << "\n" << DescribeMeasured(*job) << std::flush;
+    std::cout << job->name() << ": " << DescribeProgress(*job) << "\n"
+              << DescribeOptions(*job) << DescribeMeasured(*job) << std::flush;
   }
   return kExitOk;
 }

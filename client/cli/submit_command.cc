@@ -2,6 +2,7 @@
 #include <memory>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "client/cli/clock_flag.h"
 #include "client/cli/commands.h"
 #include "client/cli/render_flags.h"
@@ -29,7 +30,7 @@ struct SubmitOptions {
   std::string method = "ours";
   int key_every = 1;
   std::string preset = "balanced";
-  std::vector<std::string> without;
+  std::vector<std::string> without, literal;
   bool self_check = false;
   bool causal = false;
   bool scene_flow = false;
@@ -40,11 +41,17 @@ struct SubmitOptions {
 
 absl::StatusOr<v1::Job> OrderOf(const SubmitOptions& options) {
   ASSIGN_OR_RETURN(const std::vector<v1::RenderOptions> renders, RendersOf(options.renders, options.container));
+  // Said before anything is uploaded; the server knows the names.
+  if (!options.literal.empty() && options.preset != "reference") {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--literal is for --preset reference alone, and the preset is ", options.preset));
+  }
   v1::Job order;
   order.mutable_options()->set_method(kMethods.at(options.method));
   order.mutable_options()->set_key_every(options.key_every);
   order.mutable_options()->set_preset(kPresets.at(options.preset));
   order.mutable_options()->mutable_without()->Assign(options.without.begin(), options.without.end());
+  order.mutable_options()->mutable_literal()->Assign(options.literal.begin(), options.literal.end());
   order.mutable_options()->set_self_check(options.self_check);
   order.mutable_options()->set_causal(options.causal);
   order.mutable_options()->set_scene_flow(options.scene_flow);
@@ -86,6 +93,12 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
           "Leave stages of method ours out, to learn what each is worth: settle, recover, thin, draw, solve, "
           "propagation, median, witnesses, silhouettes; of the solve opti, point, plane, proj, rigid, reg, short, "
           "occlusion, topology; names with commas between them")
+      ->delimiter(',')
+      ->type_name("NAMES");
+  command
+      ->add_option("--literal", options->literal,
+                   "With preset reference, take choices of the paper as it prints them, to compare with: closest, "
+                   "coherence, kernels, occlusion, point, proj, rigid, short, topology; names with commas between them")
       ->delimiter(',')
       ->type_name("NAMES");
   command->add_flag(

@@ -29,4 +29,10 @@ const std::vector<std::string>& PartNames() {
   return *kNames;
 }
 
+const std::vector<std::string>& LiteralNames() {
+  static const auto* const kNames = new std::vector<std::string>{
+      "closest", "coherence", "kernels", "occlusion", "point", "proj", "rigid", "short", "topology"};
+  return *kNames;
+}
+
 }  // namespace depthtween

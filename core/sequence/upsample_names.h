@@ -20,6 +20,9 @@ const std::vector<std::string>& PresetNames();
 // The stages of method "ours" that one can do without, and the terms and detectors of its joint optimisation.
 // PipelineOptions::SwitchOff knows each.
 const std::vector<std::string>& PartNames();
+// Choices of the paper that preset "reference" can take as printed. SolveOptions::TakeLiterally (core/solve) knows
+// each.
+const std::vector<std::string>& LiteralNames();
 
 // More threads than this nobody may ask for, locally or of a server.
 inline constexpr int kMaxThreads = 1024;

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/sequence/upsample_names.h"
 #include "core/solve/association.h"
 #include "core/solve/level.h"
 
@@ -63,6 +64,7 @@ const SolvePart* FindSolvePart(std::string_view name) {
   return part == std::end(kSolveParts) ? nullptr : part;
 }
 
+// What LiteralNames() names.
 struct LiteralChoice {
   std::string_view name;
   bool PrintedChoices::*choice;
@@ -75,15 +77,6 @@ constexpr LiteralChoice kLiteralChoices[] = {
     {"topology", &PrintedChoices::topology}};
 
 }  // namespace
-
-const std::vector<std::string>& LiteralNames() {
-  static const auto* const kNames = [] {
-    auto* const names = new std::vector<std::string>;
-    for (const LiteralChoice& choice : kLiteralChoices) names->emplace_back(choice.name);
-    return names;
-  }();
-  return *kNames;
-}
 
 absl::Status SolveOptions::TakeLiterally(std::string_view choice) {
   for (const LiteralChoice& known : kLiteralChoices)

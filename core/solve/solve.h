@@ -103,13 +103,12 @@ struct SolveOptions {
   absl::Status SwitchOff(std::string_view part);
   // False for names that are no part.
   bool Uses(std::string_view part) const;
-  // Takes a choice as the paper prints it: closest, coherence, kernels, occlusion, point, proj, rigid, short, topology.
-  // InvalidArgument lists them if `choice` is none of them.
+  // Takes a choice as the paper prints it, one of LiteralNames() (core/sequence/upsample_names.h). InvalidArgument
+  // lists them if `choice` is none of them.
   absl::Status TakeLiterally(std::string_view choice);
   absl::Status Validate() const;
 };
 const std::vector<std::string>& SolvePartNames();
-const std::vector<std::string>& LiteralNames();
 
 struct SolveLevelSummary {
   int width = 0, height = 0;

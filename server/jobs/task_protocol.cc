@@ -136,6 +136,7 @@ std::string OptionsJson(const UpsampleOptions& options, const std::vector<Render
   if (options.method == "ours") {
     value.update({{"preset", options.preset},
                   {"without", options.without},
+                  {"literal", options.literal},
                   {"causal", options.causal},
                   {"self_check", options.self_check},
                   {"scene_flow", options.scene_flow}});

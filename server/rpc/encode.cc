@@ -138,6 +138,7 @@ v1::UpsampleOptions Encode(const UpsampleOptions& options) {
     if (options.preset == name) message.set_preset(preset);
   }
   message.mutable_without()->Assign(options.without.begin(), options.without.end());
+  message.mutable_literal()->Assign(options.literal.begin(), options.literal.end());
   message.set_self_check(options.self_check);
   message.set_causal(options.causal);
   message.set_clock(options.clock);
@@ -335,6 +336,7 @@ absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
   }
   result.preset = preset->second;
   result.without.assign(options.without().begin(), options.without().end());
+  result.literal.assign(options.literal().begin(), options.literal().end());
   result.self_check = options.self_check();
   result.causal = options.causal();
   result.scene_flow = options.scene_flow();

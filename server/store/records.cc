@@ -81,14 +81,19 @@ absl::Status UpsampleOptions::Validate() const {
   RETURN_IF_ERROR(check("method", method, UpsampleMethods()));
   RETURN_IF_ERROR(check("preset", preset, PresetNames()));
   for (const std::string& part : without) RETURN_IF_ERROR(check("without", part, PartNames()));
+  for (const std::string& choice : literal) RETURN_IF_ERROR(check("literal", choice, LiteralNames()));
   const auto only_ours = [&](const char* field) {
     return bad(field, absl::StrCat("is for method \"ours\" alone, and the method is \"", method, "\""));
   };
   if (method != "ours" && preset != UpsampleOptions().preset) return only_ours("preset");
   if (method != "ours" && !without.empty()) return only_ours("without");
+  if (method != "ours" && !literal.empty()) return only_ours("literal");
   if (method != "ours" && causal) return only_ours("causal");
   if (method != "ours" && self_check) return only_ours("self_check");
   if (method != "ours" && scene_flow) return only_ours("scene_flow");
+  if (preset != "reference" && !literal.empty()) {
+    return bad("literal", absl::StrCat("is for preset \"reference\" alone, and the preset is \"", preset, "\""));
+  }
   if (causal && scene_flow) {
     return bad("scene_flow", "does not go with causal: what follows a frame is not known then");
   }
@@ -143,6 +148,7 @@ absl::Status NewJob::Validate() const {
   if (options.clock != defaults.clock) return not_both("job.options.clock");
   if (options.preset != defaults.preset) return not_both("job.options.preset");
   if (!options.without.empty()) return not_both("job.options.without");
+  if (!options.literal.empty()) return not_both("job.options.literal");
   if (options.causal) return not_both("job.options.causal");
   if (options.self_check) return not_both("job.options.self_check");
   if (options.scene_flow) return not_both("job.options.scene_flow");

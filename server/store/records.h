@@ -99,6 +99,7 @@ struct UpsampleOptions {
   // Of method "ours" alone.
   std::string preset = "balanced";   // of PresetNames()
   std::vector<std::string> without;  // of PartNames(): stages left out
+  std::vector<std::string> literal;  // of LiteralNames(): choices of the paper as printed; preset "reference" alone
   bool causal = false;               // each frame from what had been seen by then alone
   bool self_check = false;           // measure first how good it is: see SelfCheck
   bool scene_flow = false;           // also the 3-D motion of every frame to the next

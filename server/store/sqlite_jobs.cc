@@ -17,7 +17,8 @@ constexpr char kJobColumns[] =
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, "
     "interval_seconds, depth_from, preset, without, self_check, self_check_result, causal, clock, clock_estimate, "
-    "scene_flow, scene_flow_options, (SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number "
+    "scene_flow, scene_flow_options, literal, (SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND "
+    "ahead.number "
     "< jobs.number) FROM "
     "jobs ";
 
@@ -36,6 +37,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                                .clock = row.Text(26),
                                .preset = row.Text(21),
                                .without = absl::StrSplit(row.Text(22), ',', absl::SkipEmpty()),
+                               .literal = absl::StrSplit(row.Text(30), ',', absl::SkipEmpty()),
                                .causal = row.Int(25) != 0,
                                .self_check = row.Int(23) != 0,
                                .scene_flow = row.Int(28) != 0},
@@ -51,7 +53,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(30);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(31);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
   if (!row.IsNull(29)) {
     ASSIGN_OR_RETURN(job.scene_flow_options, SceneFlowOptionsFromJson(row.Text(29)));
@@ -72,6 +74,7 @@ std::string Fingerprint(const NewJob& job) {
   // Jobs without what came later keep the fingerprint they had before.
   if (job.options.preset != UpsampleOptions().preset) hash.Update("\npreset " + job.options.preset);
   for (const std::string& part : job.options.without) hash.Update("\nwithout " + part);
+  for (const std::string& choice : job.options.literal) hash.Update("\nliteral " + choice);
   if (job.options.causal) hash.Update("\ncausal");
   if (job.options.clock != UpsampleOptions().clock) hash.Update("\nclock " + job.options.clock);
   if (job.options.self_check) hash.Update("\nself_check");
@@ -131,8 +134,8 @@ absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
   }
   if (from.sequence_id != job.sequence_id || from.options.method != job.options.method ||
       from.options.key_every != job.options.key_every || from.options.preset != job.options.preset ||
-      from.options.without != job.options.without || from.options.causal != job.options.causal ||
-      from.options.clock != job.options.clock) {
+      from.options.without != job.options.without || from.options.literal != job.options.literal ||
+      from.options.causal != job.options.causal || from.options.clock != job.options.clock) {
     return BadField("job.depth_from",
                     absl::StrCat("job.depth_from = ", name,
                                  ", must have the sequence of this job and all of its options but threads, "
@@ -198,12 +201,13 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
         "create_time_us, depth_from, preset, without, self_check, self_check_result, causal, clock, scene_flow, "
-        "scene_flow_options) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "scene_flow_options, literal) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
          job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
          job.options.preset, absl::StrJoin(job.options.without, ","), job.options.self_check,
          self_check ? SqlValue(ToJson(*self_check)) : nullptr, job.options.causal, job.options.clock,
-         job.options.scene_flow, job.scene_flow_options ? SqlValue(ToJson(*job.scene_flow_options)) : nullptr}));
+         job.options.scene_flow, job.scene_flow_options ? SqlValue(ToJson(*job.scene_flow_options)) : nullptr,
+         absl::StrJoin(job.options.literal, ",")}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(

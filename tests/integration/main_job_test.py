@@ -34,7 +34,8 @@ class MainJobTest(harness.IntegrationTest):
 
     def test_options_are_those_of_the_local_command(self):
         asked = {"linear": ["--method", "linear", "--key-every", "2", "--clock", "2,300"],
-                 "causal": ["--causal", "--clock", "estimate"]}
+                 "causal": ["--causal", "--clock", "estimate"],
+                 "printed": ["--preset", "reference", "--literal", "short,rigid", "--key-every", "4"]}
         with Server(self.folder / "data") as server:
             for name, options in asked.items():
                 with self.subTest(name):
@@ -42,6 +43,10 @@ class MainJobTest(harness.IntegrationTest):
                     harness.upsample(self.sequence, local, *options)
                     submitted = server.client_json("submit", self.sequence, "-o", str(out), *options)
                     self.assert_same_result(out, local)
+                    reports = [json.loads((folder / "report.json").read_text()) for folder in (out, local)]
+                    for report in reports:
+                        del report["options"]["threads"]
+                    self.assertEqual(reports[0]["options"], reports[1]["options"])
                     clock = json.loads((local / "report.json").read_text())["clock"]
                     self.assertEqual(clock, json.loads((out / "report.json").read_text())["clock"])
                     self.assertEqual("estimate" in clock, name == "causal")

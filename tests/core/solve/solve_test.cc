@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "core/sequence/upsample_names.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/solve/moving_plane.h"
@@ -158,7 +159,9 @@ TEST(Solve, SaysWhatIsWrong) {
   SolveOptions options;
   for (const std::string& part : SolvePartNames()) EXPECT_TRUE(options.SwitchOff(part).ok()) << part;
   EXPECT_THAT(std::string(options.SwitchOff("magic").message()), testing::HasSubstr("opti, point"));
+  // Every name is known, and every choice has one.
   for (const std::string& choice : LiteralNames()) EXPECT_TRUE(options.TakeLiterally(choice).ok()) << choice;
+  EXPECT_EQ(LiteralNames().size(), sizeof(PrintedChoices) / sizeof(bool));
   EXPECT_THAT(std::string(options.TakeLiterally("magic").message()), testing::HasSubstr("closest, coherence"));
 }
 

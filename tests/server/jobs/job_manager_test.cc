@@ -46,8 +46,8 @@ TEST_F(JobManagerTest, WholeLife) {
   }
   // fake_core reports the options it was given; threads is what the server decided.
   EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
-            R"({"causal":false,"clock":"stamps","key_every":2,"method":"ours","preset":"balanced","scene_flow":false,)"
-            R"("self_check":false,"threads":1,"without":[]})");
+            R"({"causal":false,"clock":"stamps","key_every":2,"literal":[],"method":"ours","preset":"balanced",)"
+            R"("scene_flow":false,"self_check":false,"threads":1,"without":[]})");
   WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
 
   EXPECT_THAT(jobs_->Delete(job), IsOk());

@@ -37,11 +37,15 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
       ElementsAre("core", "task", "assemble", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--constants",
                   "C", "--out", "D", "--self-check", "X"));
   EXPECT_EQ(OptionsJson({}, {{.options = R"({"name":"a"})"}, {.options = "{}", .uses_motion = true}}),
-            R"({"causal":false,"clock":"stamps","keep_motion":true,"key_every":1,"method":"ours","preset":"balanced",)"
+            R"({"causal":false,"clock":"stamps","keep_motion":true,"key_every":1,"literal":[],"method":"ours",)"
+            R"("preset":"balanced",)"
             R"("renders":[{"name":"a"},{}],"scene_flow":false,"self_check":false,"threads":0,"without":[]})");
   EXPECT_EQ(OptionsJson({.clock = "4,300", .preset = "fast", .without = {"draw"}, .causal = true, .self_check = true}),
-            R"({"causal":true,"clock":"4,300","key_every":1,"method":"ours","preset":"fast","scene_flow":false,)"
+            R"({"causal":true,"clock":"4,300","key_every":1,"literal":[],"method":"ours","preset":"fast",)"
+            R"("scene_flow":false,)"
             R"("self_check":true,"threads":0,"without":["draw"]})");
+  EXPECT_NE(OptionsJson({.preset = "reference", .literal = {"short", "rigid"}}).find(R"("literal":["short","rigid"])"),
+            std::string::npos);
   EXPECT_NE(OptionsJson({.scene_flow = true}).find(R"("scene_flow":true)"), std::string::npos);
   EXPECT_EQ(SceneFlowJson({.method = "pd-flow", .formats = {"npz", "flo"}, .every = 2, .baseline_m = 0.5}, 3),
             R"({"sceneflow":{"baseline_m":0.5,"every":2,"formats":["npz","flo"],"method":"pd-flow"},"threads":3})");

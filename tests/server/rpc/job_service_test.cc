@@ -134,6 +134,13 @@ TEST_F(JobServiceTest, BadRequestsNameTheirField) {
   ASSERT_THAT(Create(request, &job), Succeeds());
   EXPECT_EQ(job.options().preset(), v1::UpsampleOptions::PRESET_FAST);
   EXPECT_EQ(job.options().without(0), "draw");
+  request.mutable_job()->mutable_options()->add_literal("short");
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.literal"));
+  request.mutable_job()->mutable_options()->set_preset(v1::UpsampleOptions::PRESET_REFERENCE);
+  ASSERT_THAT(Create(request, &job), Succeeds());
+  EXPECT_THAT(job.options().literal(), testing::ElementsAre("short"));
+  request.mutable_job()->mutable_options()->add_literal("luck");
+  EXPECT_THAT(Create(request, &job), FailsAtField("job.options.literal"));
   request = Request(sequence.name());
   request.mutable_job()->mutable_options()->set_method(v1::UpsampleOptions::METHOD_HOLD);
   request.mutable_job()->mutable_options()->set_self_check(true);

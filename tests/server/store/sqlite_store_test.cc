@@ -118,6 +118,29 @@ TEST(SqliteStore, JobsFromBeforeClocksGoOn) {
   EXPECT_EQ(Take(store->ClaimTask([](const JobRecord&, TaskKind) { return 1; }))->kind, TaskKind::kSelfCheck);
 }
 
+// A file of the schema before choices as printed: its jobs have none, scene flow jobs stay such, and new jobs may.
+TEST(SqliteStore, JobsFromBeforeChoicesAsPrintedGoOn) {
+  const TemporaryFolder folder;
+  WriteOldFile(folder / "s.sqlite", 7, R"(
+      INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, create_time_us,
+                        scene_flow_options)
+        SELECT 'f', '', sequence_id, recording, method, 1, 0, 1, 8,
+               '{"method": "pd-flow", "formats": ["npz"], "every": 2, "baseline_m": 0.1}' FROM jobs;
+      UPDATE jobs SET preset = 'reference', scene_flow = 1 WHERE id = 'j';
+      INSERT INTO tasks (kind, job) VALUES (2, 1))");
+  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  const JobRecord job = Take(store->GetJob("j"));
+  EXPECT_EQ(job.options.preset, "reference");
+  EXPECT_TRUE(job.options.literal.empty());
+  EXPECT_TRUE(job.options.scene_flow);
+  const JobRecord flow = Take(store->GetJob("f"));
+  EXPECT_EQ(flow.scene_flow_options->method, "pd-flow");
+  EXPECT_EQ(flow.queue_position, 1);
+  const UpsampleOptions printed = {.preset = "reference", .literal = {"proj", "topology"}};
+  EXPECT_EQ(Take(store->CreateJob({.sequence_id = "s", .options = printed}, "", false)).options.literal,
+            printed.literal);
+}
+
 TEST(SqliteStore, RefusesTheFileOfANewerServer) {
   const TemporaryFolder folder;
   EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());

@@ -700,6 +700,23 @@ TEST_P(StoreConformance, ClockAndItsEstimateSurviveReopening) {
   EXPECT_EQ(job.clock_estimate->edges, estimate.edges);
 }
 
+TEST_P(StoreConformance, ChoicesAsPrintedArePartOfTheOrder) {
+  const std::string sequence = ReadySequence().id;
+  const UpsampleOptions printed = {.preset = "reference", .literal = {"short", "rigid"}};
+  const std::string id = Take(store().CreateJob({.sequence_id = sequence, .options = printed}, "r", false)).id;
+  EXPECT_THAT(store().CreateJob({.sequence_id = sequence, .options = {.preset = "reference"}}, "r", false),
+              HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+  Open();
+  EXPECT_EQ(Job(id).options.literal, printed.literal);
+  for (const UpsampleOptions& wrong :
+       {UpsampleOptions{.preset = "reference", .literal = {"luck"}}, UpsampleOptions{.literal = {"short"}},
+        UpsampleOptions{.method = "hold", .literal = {"short"}}}) {
+    const absl::Status refused = store().CreateJob({.sequence_id = sequence, .options = wrong}, "", false).status();
+    EXPECT_THAT(refused, HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+    EXPECT_EQ(GetErrorInfo(refused)->metadata.at("field"), "job.options.literal");
+  }
+}
+
 TEST_P(StoreConformance, SceneFlowIsPartOfTheOrder) {
   const std::string sequence = ReadySequence().id;
   const NewJob order = {.sequence_id = sequence, .options = {.scene_flow = true}};
@@ -753,6 +770,10 @@ TEST_P(StoreConformance, SceneFlowOptionsAreChecked) {
       [](NewJob& job) { job.options.clock = "index"; },
       [](NewJob& job) { job.options.preset = "best"; },
       [](NewJob& job) { job.options.without = {"draw"}; },
+      [](NewJob& job) {
+        job.options.preset = "reference";
+        job.options.literal = {"short"};
+      },
       [](NewJob& job) { job.options.causal = true; },
       [](NewJob& job) { job.options.self_check = true; },
       [](NewJob& job) { job.options.scene_flow = true; },
@@ -909,6 +930,24 @@ TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
   EXPECT_THAT(store().FinishPrepare(Claim().number, plan), IsOk());
   EXPECT_EQ(Job(job.id).frames_done, 4);
   EXPECT_EQ(Claim(8).kind, TaskKind::kRender);
+}
+
+TEST_P(StoreConformance, DepthOfOtherChoicesIsNotTakenOver) {
+  const SequenceRecord sequence = ReadySequence();
+  const UpsampleOptions printed = {.preset = "reference", .literal = {"short"}};
+  const std::string from = Take(store().CreateJob({.sequence_id = sequence.id, .options = printed}, "", false)).id;
+  EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(1)), IsOk());
+  const Task depth = Claim(1);
+  EXPECT_THAT(store().FinishInterval(depth.number, 0, 1.0), IsOk());
+  EXPECT_THAT(store().CompleteTask(depth.number), IsOk());
+  EXPECT_THAT(store().CompleteTask(Claim().number), IsOk());
+  NewJob order = {.sequence_id = sequence.id,
+                  .options = {.preset = "reference"},
+                  .renders = {RenderOf("a", 2)},
+                  .depth_from = from};
+  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  order.options = printed;
+  EXPECT_THAT(store().CreateJob(order, "", false), IsOk());
 }
 
 TEST_P(StoreConformance, ASelfCheckIsTakenOverWithTheDepth) {
