@@ -221,7 +221,7 @@ absl::StatusOr<std::vector<RenderRecord>> Manager::PlanRenders(const NewJob& job
   if (job.renders.empty() || !sequence.ok() || sequence->state != SequenceState::kReady) return job.renders;
   ASSIGN_OR_RETURN(
       const std::string answer,
-      errands_.Run({.arguments = {"plan-renders", "--sequence", directory_.SequenceFolder(job.sequence_id)},
+      planning_.Run({.arguments = {"plan-renders", "--sequence", directory_.SequenceFolder(job.sequence_id)},
                     .options = OptionsJson({.threads = 1}, job.renders),
                     .field_prefix = "job."}));
   return ParseRenderPlans(answer, job.renders);

@@ -509,6 +509,21 @@ TEST_F(JobManagerTest, AFrameThatTakesTooLongOrThatNobodyWaitsForIsStopped) {
   EXPECT_THAT(refused, HasReason(absl::StatusCode::kResourceExhausted, "SERVER_BUSY"));
 }
 
+// Every place for single frames is taken, running and waiting: an order with renders needs none of them.
+TEST_F(JobManagerTest, OrdersDoNotWaitForPictures) {
+  Start(1, {.frame_renderers = 1});
+  const std::string sequence = ReadySequence("slow_frame\n");
+  const std::string job = NewJobOn(sequence);
+  Ended(job);
+  std::vector<std::unique_ptr<Errand>> waiting;
+  for (bool room = true; room;) {
+    auto more = jobs_->RenderFrame(job, {.frame = 0, .options = kDof}, nullptr);
+    room = more.ok();
+    if (room) waiting.push_back(*std::move(more));
+  }
+  EXPECT_THAT(jobs_->Create({.sequence_id = sequence, .renders = {{.options = kDof}}}, "", false), IsOk());
+}
+
 // ---- watching ----
 
 // A watcher as the RPC layer is one: it waits to be told, then takes what there is.
