@@ -219,8 +219,11 @@ absl::Status IntervalsTask(const Task& task) {
       .status();
 }
 
-absl::Status PlanRendersTask(const Task& task) {
+// What can be told of an order before it is taken: whether the recording has the pairs of frames that a scene flow
+// needs, and what renders need and leave.
+absl::Status PlanTask(const Task& task) {
   ASSIGN_OR_RETURN(const Input input, OpenInput(task.arguments));
+  if (input.scene_flow) RETURN_IF_ERROR(PlanPairs(input.recording->sequence(), input.scene_flow->every).status());
   json plans = json::array();
   for (size_t i = 0; i < input.renders.size(); ++i) {
     ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(input.renders[i], input.recording->sequence(), RenderPath(i)));
@@ -431,10 +434,10 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
   intervals->add_option("--count", arguments->count, "How many intervals")->required()->type_name("N");
   add_out(intervals);
 
-  CLI::App* const plan_renders =
-      add("plan-renders", "Check the renders and say what they need and leave", PlanRendersTask);
-  add_options(plan_renders);
-  plan_renders->add_option("--out", arguments->out, "JSON file to write")->required()->type_name("FILE");
+  CLI::App* const plan =
+      add("plan", "Check an order against the recording, and say what its renders need and leave", PlanTask);
+  add_options(plan);
+  plan->add_option("--out", arguments->out, "JSON file to write")->required()->type_name("FILE");
 
   const auto add_result = [&](CLI::App* step) {
     step->add_option("--result", arguments->result, "Result folder with finished frames")->required()->type_name("DIR");

@@ -1,5 +1,5 @@
-// Short tasks that somebody waits for, each a child process with little time: planning the renders of a job, rendering
-// a single frame. A few run at a time, beside the workers, and a bounded number waits.
+// Short tasks that somebody waits for, each a child process with little time: planning an order, rendering a single
+// frame. A few run at a time, beside the workers, and a bounded number waits.
 #ifndef DEPTHTWEEN_SERVER_JOBS_ERRANDS_H_
 #define DEPTHTWEEN_SERVER_JOBS_ERRANDS_H_
 

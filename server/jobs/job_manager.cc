@@ -123,8 +123,9 @@ class Manager : public JobManager {
   void OnStage(const std::string& job_id, std::string_view stage);
   absl::Status OnInterval(const Task& task, const PlannedInterval& interval, double seconds);
 
-  // What the renders of a job will be; as they came where there is no sequence to plan them for.
-  absl::StatusOr<std::vector<RenderRecord>> PlanRenders(const NewJob& job);
+  // The job with what its renders will be; as it came where there is no sequence to plan it for. FailedPrecondition
+  // (NO_SCENE_FLOW) when it asks for scene flow that the sequence cannot give.
+  absl::StatusOr<NewJob> Plan(NewJob job);
 
   // With changes_ held.
   JobView View(JobRecord record) const;
@@ -149,7 +150,7 @@ class Manager : public JobManager {
   std::condition_variable_any work_;
 
   Errands errands_;                    // frames on demand
-  Errands planning_;                   // of renders: apart, so that orders need not wait for pictures
+  Errands planning_;                   // of orders: apart, so that orders need not wait for pictures
   std::vector<std::jthread> workers_;  // last: they use all of the above
 };
 
@@ -216,20 +217,29 @@ void Manager::StopTasksOf(std::string_view job_id) {
   }
 }
 
-absl::StatusOr<std::vector<RenderRecord>> Manager::PlanRenders(const NewJob& job) {
+absl::StatusOr<NewJob> Manager::Plan(NewJob job) {
+  RETURN_IF_ERROR(job.Validate());
+  if (job.renders.empty() && !job.scene_flow_options) return job;
   const absl::StatusOr<SequenceRecord> sequence = store_.GetSequence(job.sequence_id);
-  if (job.renders.empty() || !sequence.ok() || sequence->state != SequenceState::kReady) return job.renders;
-  ASSIGN_OR_RETURN(
-      const std::string answer,
-      planning_.Run({.arguments = {"plan-renders", "--sequence", directory_.SequenceFolder(job.sequence_id)},
-                    .options = OptionsJson({.threads = 1}, job.renders),
-                    .field_prefix = "job."}));
-  return ParseRenderPlans(answer, job.renders);
+  if (!sequence.ok() || sequence->state != SequenceState::kReady) return job;
+  const std::string options = job.scene_flow_options ? SceneFlowJson(*job.scene_flow_options, /*threads=*/1)
+                                                     : OptionsJson({.threads = 1}, job.renders);
+  const absl::StatusOr<std::string> answer =
+      planning_.Run({.arguments = {"plan", "--sequence", directory_.SequenceFolder(job.sequence_id)},
+                     .options = options,
+                     .field_prefix = "job."});
+  if (job.scene_flow_options && absl::IsFailedPrecondition(answer.status())) {
+    const std::string name = "sequences/" + job.sequence_id;
+    return WithErrorInfo(WithContext(answer.status(), name),
+                         {.reason = "NO_SCENE_FLOW", .metadata = {{"resource", name}}});
+  }
+  RETURN_IF_ERROR(answer.status());
+  ASSIGN_OR_RETURN(job.renders, ParseRenderPlans(*answer, job.renders));
+  return job;
 }
 
 absl::StatusOr<JobView> Manager::Create(const NewJob& job, std::string_view request_id, bool validate_only) {
-  NewJob planned = job;
-  ASSIGN_OR_RETURN(planned.renders, PlanRenders(job));
+  ASSIGN_OR_RETURN(const NewJob planned, Plan(job));
   std::unique_lock lock(changes_);
   ASSIGN_OR_RETURN(JobRecord record, store_.CreateJob(planned, request_id, validate_only));
   JobView view = View(std::move(record));

@@ -97,7 +97,8 @@ class JobManager {
   virtual void Wake() = 0;
 
   // As in Store; the view adds progress. Of job.renders only `options` is looked at: depthtween-core plans the rest.
-  // InvalidArgument names their field.
+  // InvalidArgument names their field. FailedPrecondition (NO_SCENE_FLOW) when the sequence has no depth for every
+  // colour frame, or too few frames, and the job is to compute its scene flow.
   virtual absl::StatusOr<JobView> Create(const NewJob& job, std::string_view request_id, bool validate_only) = 0;
   virtual absl::StatusOr<JobView> Get(std::string_view id) = 0;
   virtual absl::StatusOr<Page<JobView>> List(const JobFilter& filter, const PageRequest& page) = 0;

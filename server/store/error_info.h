@@ -24,6 +24,7 @@ namespace depthtween::server {
 //   BAD_FIELD              InvalidArgument      field
 //   FRAME_NOT_READY        FailedPrecondition   frame
 //   NO_DEPTH               FailedPrecondition   resource
+//   NO_SCENE_FLOW          FailedPrecondition   resource (the sequence that cannot give it)
 //   SEQUENCE_GONE          FailedPrecondition   resource
 //   NO_SUCH_FRAME          OutOfRange           frame_count
 //   SERVER_BUSY            ResourceExhausted

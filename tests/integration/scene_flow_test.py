@@ -57,13 +57,15 @@ class SceneFlowTest(harness.IntegrationTest):
         synth(slow, 30)
         synth(short, 60)
         with Server(self.folder / "data") as server:
-            failed = server.client("sceneflow", slow, "--wait")
-            self.assertEqual(failed.returncode, harness.EXIT_JOB_FAILED)
+            failed = server.client("sceneflow", slow)
+            self.assertEqual(failed.returncode, harness.EXIT_FAILED)
             self.assertIn("colour and depth are not at the same rate", failed.stderr)
+            self.assertIn("rgb/000001.jpg", failed.stderr)
             self.assertIn("--scene-flow", failed.stderr)
-            failed = server.client("sceneflow", short, "--every", FRAMES, "--wait")
-            self.assertEqual(failed.returncode, harness.EXIT_JOB_FAILED)
+            failed = server.client("sceneflow", short, "--every", FRAMES)
+            self.assertEqual(failed.returncode, harness.EXIT_FAILED)
             self.assertIn(f"must have at least {FRAMES + 1}", failed.stderr)
+            self.assertEqual(server.client_json("list")["jobs"], [], "a job was made that could only fail")
             self.assertEqual(server.client("sceneflow", short, "--method", "luck").returncode, harness.EXIT_USAGE)
 
     @staticmethod

@@ -122,6 +122,17 @@ TEST(SceneFlowCommand, NamesFramesWithoutDepth) {
   EXPECT_THAT(result.err, HasSubstr("not at the same rate: 1 of 3 colour frames have no depth"));
   EXPECT_THAT(result.err, HasSubstr("rgb/000001.jpg"));
   EXPECT_FALSE(FileExists(scratch / "out/report.json"));
+
+  // As a server asks before it takes an order.
+  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"sceneflow":{"every":2}})").ok());
+  const std::vector<std::string> plan = {"task",       "plan",
+                                         "--sequence", scratch / "in",
+                                         "--options",  scratch / "options.json",
+                                         "--out",      scratch / "plan.json"};
+  const ToolResult planned = RunTool(plan);
+  EXPECT_EQ(planned.exit_code, 1);
+  EXPECT_THAT(planned.err, HasSubstr("not at the same rate: 1 of 3 colour frames have no depth"));
+  EXPECT_FALSE(FileExists(scratch / "plan.json"));
 }
 
 // An earlier result is replaced only when that is said.

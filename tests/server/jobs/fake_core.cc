@@ -16,6 +16,7 @@
 //   slow_frame         render-frame waits until it is killed
 //   wait_check         self-check waits until the sequence folder has a file "go"
 //   no_check           self-check says that nothing can be measured
+//   no_pairs           plan finds no depth for colour frames that scene flow needs
 // It appends "start PID\n", "check 1\n", "interval I\n" and "render I\n" to the file "log" of the sequence folder.
 //
 // Of scene flow it knows the formats npz and kitti, and writes both. Of renders it knows the name alone: one picture a
@@ -179,7 +180,9 @@ std::map<std::string, std::string> RenderNames(const std::string& text) {
   return names;
 }
 
-void PlanRenders() {
+void Plan() {
+  if (script.count("no_pairs") > 0 && ReadFile(options["--options"]).find(R"("sceneflow")") != std::string::npos)
+    FailWith("FAILED_PRECONDITION", "rates differ");
   std::string plans;
   for (const auto& [name, text] : RenderNames(ReadFile(options["--options"]))) {
     if (name == "bad") {
@@ -256,7 +259,7 @@ int main(int argc, char** argv) {
     const int first = std::stoi(options["--first"]), count = std::stoi(options["--count"]);
     for (int i = first; i < first + count; ++i) ComputeInterval(i);
   }
-  if (kind == "plan-renders") PlanRenders();
+  if (kind == "plan") Plan();
   if (kind == "render") {
     const int first = std::stoi(options["--first"]), count = std::stoi(options["--count"]);
     for (int i = first; i < first + count; ++i) RenderInterval(i, intervals);

@@ -458,6 +458,22 @@ TEST_F(JobManagerTest, SceneFlowJobResumesAndHasNoDepth) {
             R"({"sceneflow":{"baseline_m":0.1,"every":2,"formats":["npz","kitti"],"method":"ours"},"threads":1})");
 }
 
+// Refused when it is asked for, not when its turn has come.
+TEST_F(JobManagerTest, SceneFlowThatASequenceCannotGiveIsRefused) {
+  Start();
+  const std::string sequence = ReadySequence("no_pairs\n");
+  for (const bool validate_only : {true, false}) {
+    const auto refused =
+        jobs_->Create({.sequence_id = sequence, .scene_flow_options = SceneFlowOptions()}, "", validate_only);
+    EXPECT_THAT(refused, HasReason(absl::StatusCode::kFailedPrecondition, "NO_SCENE_FLOW"));
+    EXPECT_EQ(refused.status().message(), absl::StrCat("sequences/", sequence, ": rates differ"));
+  }
+  EXPECT_THAT(Take(jobs_->List({}, {})).items, SizeIs(0));
+  const NewJob wrong = {.sequence_id = sequence, .scene_flow_options = {{.every = 0}}};
+  EXPECT_THAT(jobs_->Create(wrong, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(jobs_->Create({.sequence_id = sequence}, "", false), IsOk()) << "it can be upsampled";
+}
+
 // The answer of an errand, once it is there.
 absl::StatusOr<std::string> Answer(Errand& errand) {
   std::optional<absl::StatusOr<std::string>> answer;
