@@ -16,7 +16,11 @@ absl::StatusOr<FinishedClip> OpenFinishedClip(const std::string& result_dir, con
   ClipClock clock;
   try {
     const nlohmann::json& report = result.report();
-    if (sequence_dir.empty()) sequence_dir = report.at("sequence").get<std::string>();
+    const nlohmann::json& made_from = report.at("sequence");
+    if (sequence_dir.empty() && made_from.is_null())
+      return absl::InvalidArgumentError(absl::StrCat(
+          result_dir, " was made by a server and does not say where the recording is: name it with --sequence"));
+    if (sequence_dir.empty()) sequence_dir = made_from.get<std::string>();
     constants = ConstantsFromJson(report.at("constants"));
     clock = ClockOf(report);
     ASSIGN_OR_RETURN(options, ParseUpsampleOptions(report.at("options").dump()));

@@ -22,8 +22,8 @@ struct FinishedClip {
   int64_t start_ns() const { return input.color.front().time_ns; }
 };
 
-// `sequence` is where the recording is; empty: where the report says it was. InvalidArgument when they do not belong
-// together, or when the report is not what upsample wrote.
+// `sequence` is where the recording is; empty: where the report says it was, which that of a server's job does not.
+// InvalidArgument when it is not said, when they do not belong together, or when the report is not what upsample wrote.
 absl::StatusOr<FinishedClip> OpenFinishedClip(const std::string& result, const std::string& sequence);
 
 }  // namespace depthtween::tools

@@ -353,7 +353,8 @@ absl::Status AssembleTask(const Task& task) {
   ASSIGN_OR_RETURN(json renders, AssembleRenders(task, input, plan));
   const ClipSource source(*input.recording, plan.clock, input.options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, source.sequence()));
-  return AssembleResult(input.options, arguments.sequence, source.sequence(), plan, reports, std::move(renders),
+  // Where a server keeps the recording is nobody's business, and of no use to whoever fetches the result.
+  return AssembleResult(input.options, /*sequence_dir=*/"", source.sequence(), plan, reports, std::move(renders),
                         std::move(self_check), writer);
 }
 

@@ -317,7 +317,7 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
   if (missing != seen.end())
     return absl::FailedPreconditionError(
         absl::StrFormat("interval %d has not been computed: run it first", missing - seen.begin()));
-  json report = {{"sequence", sequence_dir},
+  json report = {{"sequence", sequence_dir.empty() ? json() : json(sequence_dir)},
                  {"options", ToJson(options)},
                  {"frames", frames},
                  {"held_frames", held_frames},

@@ -110,9 +110,9 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
                                                          const ResultWriter& writer, RunObserver& observer);
 
 // Ends a result: adds scene flow if that was asked for, lists its frames and writes report.json. `reports` are those of
-// all intervals, in any order; `sequence_dir` is where the input came from, for those who look at the result later;
-// `renders` is a JSON list of what was rendered from it, `self_check` the JSON form of a SelfCheck, or null.
-// FailedPrecondition names an interval or frame that is missing.
+// all intervals, in any order; `sequence_dir` is where the input came from, for those who look at the result later on
+// the same machine, or empty; `renders` is a JSON list of what was rendered from it, `self_check` the JSON form of a
+// SelfCheck, or null. FailedPrecondition names an interval or frame that is missing.
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
                             const ClipPlan& plan, const std::vector<IntervalReport>& reports, nlohmann::json renders,
                             nlohmann::json self_check, const ResultWriter& writer);

@@ -259,6 +259,12 @@ class IntegrationTest(unittest.TestCase):
         self.addCleanup(shutil.rmtree, folder, ignore_errors=True)
         self.folder = pathlib.Path(folder)
 
+    def assert_names_nothing_of(self, server, out):
+        """No file of a result tells where the server keeps its data."""
+        for path in pathlib.Path(out).rglob("*"):
+            if path.is_file():
+                self.assertNotIn(str(server.data_dir).encode(), path.read_bytes(), path)
+
     def assert_same_result(self, out, reference):
         ours, theirs = result_files(out), result_files(reference)
         self.assertEqual(sorted(ours), sorted(theirs))

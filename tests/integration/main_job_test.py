@@ -30,6 +30,7 @@ class MainJobTest(harness.IntegrationTest):
                 self.assert_same_result(out, self.local)
                 report = json.loads((out / "report.json").read_text())
                 local_report = json.loads((self.local / "report.json").read_text())
+                self.assert_names_nothing_of(server, out)
                 self.assertEqual(sorted(report), sorted(local_report))
 
     def test_options_are_those_of_the_local_command(self):

@@ -43,6 +43,7 @@ class SceneFlowTest(harness.IntegrationTest):
             self.assertGreaterEqual(len([name for name in finished if after.get(name) == finished[name]]), done,
                                     "finished pairs were computed again")
             self.assert_same_result(out, local)
+            self.assert_names_nothing_of(server, out)
             ours, theirs = (json.loads((folder / "report.json").read_text()) for folder in (out, local))
             for report in (ours, theirs):
                 for pair in report["pairs"]:

@@ -231,6 +231,27 @@ TEST(TaskCommand, AssembleNamesWhatIsMissing) {
   EXPECT_FALSE(fs::exists(task.out + "/report.json"));
 }
 
+// What a server makes may go anywhere: it says nothing of where the server keeps things, and whoever looks at it beside
+// the recording has to say where that is.
+TEST(TaskCommand, ResultsNameNoFolderOfTheServer) {
+  const ScratchFolder scratch;
+  WriteTinyRecording(scratch / "recording", 32, 24, 12);
+  const TaskFiles task = MakeTask(scratch, {{"method", "hold"}});
+  ASSERT_EQ(task.Run("prepare").exit_code, 0);
+  ASSERT_EQ(task.Run("intervals", {"--first", "0", "--count", "3"}).exit_code, 0);
+  ASSERT_EQ(task.Run("assemble").exit_code, 0);
+  const std::string report = ReadFile(task.out + "/report.json").value();
+  EXPECT_EQ(report.find(scratch.path()), std::string::npos) << report;
+  const std::vector<std::string> look = {"preview", task.out, "-o", scratch / "look.png", "--frame", "3"};
+  const ToolResult lost = RunTool(look);
+  EXPECT_EQ(lost.exit_code, 1);
+  EXPECT_THAT(lost.err, HasSubstr("name it with --sequence"));
+  std::vector<std::string> told = look;
+  told.insert(told.end(), {"--sequence", scratch / "recording"});
+  const ToolResult shown = RunTool(told);
+  EXPECT_EQ(shown.exit_code, 0) << shown.err;
+}
+
 // Slow enough to be caught in the middle on any machine: 900 frames of dense flow.
 TaskFiles MakeLongTask(const ScratchFolder& scratch) {
   WriteTinyRecording(scratch / "recording", 64, 48, 900);
