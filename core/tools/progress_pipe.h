@@ -1,6 +1,6 @@
 // Tells the process that started this one how its task gets on: one JSON object a line on a pipe.
 //
-//   {"stage": "flow", "interval": 3}                         a stage begins
+//   {"stage": "flow", "interval": 3}                         a stage begins; or {"stage": "scene flow, frame 17 of 64"}
 //   {"frame": 17, "interval": 3}                             its files are on the disk
 //   {"interval_done": 3, "seconds": 0.61, "frames": 8}       so is the interval's report
 //   {"checked": 12, "of": 66}                                files of a sequence

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <mutex>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -102,17 +103,27 @@ absl::Status WriteSceneFlow(const std::string& dir, const std::string& stem, con
 }
 
 absl::StatusOr<int> AddSceneFlow(const std::string& dir, const Sequence& sequence, const ClipConstants& constants,
-                                 int threads) {
+                                 int threads, const std::stop_token& stop,
+                                 const std::function<void(int, int)>& on_frame) {
   RETURN_IF_ERROR(MakeSceneFlowFolders(dir, {"npz"}));
   const PixelRays rays(sequence.camera);
   const DepthNoise noise{.a_m = static_cast<float>(constants.noise_a_m),
                          .b_per_m = static_cast<float>(constants.noise_b_per_m)};
-  std::vector<int> frames;
-  for (int i = 0; i + 1 < static_cast<int>(sequence.color.size()); ++i)
-    if (FileExists(JoinPath(dir, ResultMotionName(sequence.color[i].Stem())))) frames.push_back(i);
+  std::vector<int> frames;  // that lack it
+  int total = 0;
+  for (int i = 0; i + 1 < static_cast<int>(sequence.color.size()); ++i) {
+    const std::string stem = sequence.color[i].Stem();
+    if (!FileExists(JoinPath(dir, ResultMotionName(stem)))) continue;
+    ++total;
+    if (!FileExists(JoinPath(dir, SceneFlowNpzName(stem)))) frames.push_back(i);
+  }
+  std::mutex counting;
+  int there = total - static_cast<int>(frames.size());
+  if (on_frame) on_frame(there, total);
   std::vector<absl::Status> done(frames.size());
   ParallelFor(static_cast<int>(frames.size()), threads, [&](int i) {
     done[i] = [&]() -> absl::Status {
+      if (stop.stop_requested()) return absl::CancelledError("stopped");
       const std::string stem = sequence.color[frames[i]].Stem(), next = sequence.color[frames[i] + 1].Stem();
       ASSIGN_OR_RETURN(const FrameMotion motion, ReadResultMotion(dir, stem));
       ASSIGN_OR_RETURN(const Image<float> from_m, ReadResultDepth(dir, stem, sequence.depth_scale));
@@ -120,12 +131,16 @@ absl::StatusOr<int> AddSceneFlow(const std::string& dir, const Sequence& sequenc
       if (!from_m.view().SameSize(motion.next.view()) || !from_m.view().SameSize(to_m.view()) ||
           from_m.width() != rays.width() || from_m.height() != rays.height())
         return absl::DataLossError(absl::StrCat(dir, ": frame ", stem, ": depth and motion differ in size"));
-      return WriteNpzOf(JoinPath(dir, SceneFlowNpzName(stem)),
-                        FromFlowAndDepth(rays, {motion.next, motion.back, from_m, to_m}, noise, 1));
+      RETURN_IF_ERROR(WriteNpzOf(JoinPath(dir, SceneFlowNpzName(stem)),
+                                 FromFlowAndDepth(rays, {motion.next, motion.back, from_m, to_m}, noise, 1)));
+      const std::lock_guard lock(counting);
+      ++there;
+      if (on_frame) on_frame(there, total);
+      return absl::OkStatus();
     }();
   });
   for (const absl::Status& status : done) RETURN_IF_ERROR(status);
-  return static_cast<int>(frames.size());
+  return total;
 }
 
 }  // namespace depthtween::tools

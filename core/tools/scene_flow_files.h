@@ -10,6 +10,8 @@
 #ifndef DEPTHTWEEN_CORE_TOOLS_SCENE_FLOW_FILES_H_
 #define DEPTHTWEEN_CORE_TOOLS_SCENE_FLOW_FILES_H_
 
+#include <functional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -30,9 +32,12 @@ absl::Status WriteSceneFlow(const std::string& dir, const std::string& stem, con
                             const Camera& camera, double baseline_m, const SceneFlow& flow);
 
 // Adds NPZ to a result folder whose frames and motion are there, for every frame that has motion to a next one: all but
-// held ones. Returns how many those are. Errors: what reading and writing return.
+// held ones. Files that are there already are whole, and stay. `on_frame` is told how many are there, first of all and
+// after each, from one thread at a time; may be empty. Returns how many frames have one. Errors: Cancelled when `stop`
+// fires; what reading and writing return.
 absl::StatusOr<int> AddSceneFlow(const std::string& dir, const Sequence& sequence, const ClipConstants& constants,
-                                 int threads);
+                                 int threads, const std::stop_token& stop = {},
+                                 const std::function<void(int done, int total)>& on_frame = nullptr);
 
 }  // namespace depthtween::tools
 

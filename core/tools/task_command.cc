@@ -355,7 +355,10 @@ absl::Status AssembleTask(const Task& task) {
   ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, source.sequence()));
   // Where a server keeps the recording is nobody's business, and of no use to whoever fetches the result.
   return AssembleResult(input.options, /*sequence_dir=*/"", source.sequence(), plan, reports, std::move(renders),
-                        std::move(self_check), writer);
+                        std::move(self_check), writer,
+                        {.stop = task.stop, .on_scene_flow = [&](int done, int total) {
+                           task.progress.Send({{"stage", absl::StrFormat("scene flow, frame %d of %d", done, total)}});
+                         }});
 }
 
 // Runs a task as a child should: it dies with its parent, stops when told or when nobody reads its progress, and

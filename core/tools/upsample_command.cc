@@ -1,6 +1,7 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/strings/str_format.h"
@@ -80,8 +81,15 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
     ASSIGN_OR_RETURN(reports, std::move(ran));
   }
   const std::string sequence_dir = fs::absolute(arguments.sequence).lexically_normal().string();
+  std::optional<CountLine> scene_flow;
+  const auto on_scene_flow = [&](int done, int total) {
+    if (!scene_flow) scene_flow.emplace("made", "frames of scene flow");
+    scene_flow->Show(done, total);
+  };
   RETURN_IF_ERROR(AssembleResult(options, sequence_dir, source.sequence(), plan, reports, nlohmann::json::array(),
-                                 std::move(self_check), writer));
+                                 std::move(self_check), writer,
+                                 {.stop = signals.token(), .on_scene_flow = on_scene_flow}));
+  scene_flow.reset();
 
   double seconds = 0.0;
   for (const IntervalReport& report : reports) seconds += report.seconds;

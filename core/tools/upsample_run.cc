@@ -296,7 +296,7 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
 
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
                             const ClipPlan& plan, const std::vector<IntervalReport>& reports, json renders,
-                            json self_check, const ResultWriter& writer) {
+                            json self_check, const ResultWriter& writer, const AssemblyContext& context) {
   std::vector<bool> seen(plan.intervals.size(), false);
   double seconds = 0.0;
   int frames = 0, held_frames = 0;
@@ -332,8 +332,8 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
                  {"warnings", plan.constants.warnings},
                  {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}};
   if (options.scene_flow) {
-    ASSIGN_OR_RETURN(report["scene_flow_frames"],
-                     AddSceneFlow(writer.dir(), sequence, plan.constants, options.threads));
+    ASSIGN_OR_RETURN(report["scene_flow_frames"], AddSceneFlow(writer.dir(), sequence, plan.constants, options.threads,
+                                                               context.stop, context.on_scene_flow));
   }
   if (!self_check.is_null()) report["self_check"] = std::move(self_check);
   return writer.Finish(std::move(report));

@@ -109,13 +109,20 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
                                                          const UpsampleOptions& options, std::stop_token stop,
                                                          const ResultWriter& writer, RunObserver& observer);
 
+// While a result is ended: what takes time heeds `stop`, and is told of, from one thread at a time.
+struct AssemblyContext {
+  std::stop_token stop;
+  std::function<void(int done, int total)> on_scene_flow;  // frames that have it; may be empty
+};
+
 // Ends a result: adds scene flow if that was asked for, lists its frames and writes report.json. `reports` are those of
 // all intervals, in any order; `sequence_dir` is where the input came from, for those who look at the result later on
 // the same machine, or empty; `renders` is a JSON list of what was rendered from it, `self_check` the JSON form of a
-// SelfCheck, or null. FailedPrecondition names an interval or frame that is missing.
+// SelfCheck, or null. FailedPrecondition names an interval or frame that is missing; Cancelled when `context.stop`
+// fires.
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
                             const ClipPlan& plan, const std::vector<IntervalReport>& reports, nlohmann::json renders,
-                            nlohmann::json self_check, const ResultWriter& writer);
+                            nlohmann::json self_check, const ResultWriter& writer, const AssemblyContext& context = {});
 
 }  // namespace depthtween::tools
 

@@ -468,11 +468,12 @@ void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::st
     recorded = RecordOutcome(task, outcome);
   }
   if (!recorded.ok() || task.job_id.empty()) return;
-  // What a task that runs alone said last is over with it.
-  const bool alone = task.kind == TaskKind::kSelfCheck || task.kind == TaskKind::kPrepare;
-  if (const auto live = live_.find(task.job_id); alone && live != live_.end()) live->second.stage.clear();
-  // A job that still runs has its self-check now, or its plan, or one task less. What was measured is for watchers too.
   const absl::StatusOr<JobRecord> job = store_.GetJob(task.job_id);
+  // What a task that runs alone said last is over with it, and what any said when there is only to assemble.
+  const bool over =
+      task.kind == TaskKind::kSelfCheck || task.kind == TaskKind::kPrepare || (job.ok() && job->IsComputed());
+  if (const auto live = live_.find(task.job_id); over && live != live_.end()) live->second.stage.clear();
+  // A job that still runs has its self-check now, or its plan, or one task less. What was measured is for watchers too.
   const bool measured = task.kind == TaskKind::kSelfCheck ||
                         (task.kind == TaskKind::kPrepare && job.ok() && job->clock_estimate.has_value());
   const bool progressed = job.ok() && job->state == JobState::kRunning && !measured;

@@ -48,7 +48,7 @@ Progress DescribeProgress(const JobRecord& job, std::string_view running_stage, 
   const int computed = job.depth_from.empty() ? job.intervals_done : 0;
   const bool measured =
       (computed > 0 || !job.depth_from.empty()) && (job.renders.empty() || progress.rendered_frames_done > 0);
-  if (job.state == JobState::kRunning && measured) {
+  if (job.state == JobState::kRunning && measured && !job.IsComputed()) {
     const int left = job.intervals_total - job.intervals_done;
     const int pictures_left = progress.rendered_frames_total - progress.rendered_frames_done;
     const int active = std::clamp(pictures_left > 0 ? std::max(left, workers) : left, 1, workers);

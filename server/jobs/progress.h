@@ -23,7 +23,8 @@ struct Eta {
 };
 
 struct Progress {
-  // "queued", "self-check", "prepare", a stage of the pipeline, "render", "assemble", "cancelling", or the final state
+  // "queued", "self-check", "prepare", a stage of the pipeline, "render", "assemble", "scene flow, frame 3 of 64",
+  // "cancelling", or the final state
   std::string stage;
   int intervals_done = 0;
   int intervals_total = 0;
@@ -31,8 +32,10 @@ struct Progress {
   int frames_total = 0;
   int rendered_frames_done = 0;  // of all renders together
   int rendered_frames_total = 0;
-  double fraction = 0.0;   // of all frames, rendered ones too; 1 only when the job has succeeded
-  std::optional<Eta> eta;  // while running, once an interval has been measured, and a rendered frame if there are any
+  double fraction = 0.0;  // of all frames, rendered ones too; 1 only when the job has succeeded
+  // While running, once an interval has been measured, and a rendered frame if there are any; not of what assembling
+  // takes, which nothing has measured.
+  std::optional<Eta> eta;
   std::optional<int> queue_position;
 };
 

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_format.h"
 #include "core/io/file.h"
 #include "core/io/result_folder.h"
 #include "tests/core/tools/tool_process.h"
@@ -229,6 +230,32 @@ TEST(TaskCommand, AssembleNamesWhatIsMissing) {
   EXPECT_EQ(assembled.exit_code, 1);
   EXPECT_THAT(assembled.err, HasSubstr("interval 2 has not been computed"));
   EXPECT_FALSE(fs::exists(task.out + "/report.json"));
+}
+
+// Scene flow is made at the end, frame by frame, and said so; a task that was killed meanwhile makes what is missing.
+TEST(TaskCommand, AssembleTellsHowFarSceneFlowIs) {
+  const ScratchFolder scratch;
+  WriteTinyRecording(scratch / "recording", 64, 48, 12);
+  const TaskFiles task = MakeTask(scratch, {{"preset", "fast"}, {"scene_flow", true}});
+  ASSERT_EQ(task.Run("prepare").exit_code, 0);
+  ASSERT_EQ(task.Run("intervals", {"--first", "0", "--count", "3"}).exit_code, 0);
+  const auto stages = [&] {
+    std::vector<std::string> said;
+    RunningTask running(task.Arguments("assemble"));
+    for (std::string line = running.ReadLine(); !line.empty(); line = running.ReadLine())
+      said.push_back(json::parse(line).at("stage"));
+    EXPECT_EQ(running.Wait(), 0);
+    return said;
+  };
+  std::vector<std::string> expected;
+  for (int done = 0; done <= 8; ++done) expected.push_back(absl::StrFormat("scene flow, frame %d of 8", done));
+  EXPECT_EQ(stages(), expected) << "of the frames between depth frames 2 and 10";
+  const auto whole = FilesBelow(task.out + "/sceneflow");
+  ASSERT_EQ(whole.size(), 8U);
+  fs::remove(task.out + "/sceneflow/000004.npz");
+  EXPECT_EQ(stages(), std::vector<std::string>(expected.end() - 2, expected.end()));
+  EXPECT_EQ(FilesBelow(task.out + "/sceneflow"), whole);
+  EXPECT_EQ(json::parse(ReadFile(task.out + "/report.json").value()).at("scene_flow_frames"), 8);
 }
 
 // What a server makes may go anywhere: it says nothing of where the server keeps things, and whoever looks at it beside

@@ -16,6 +16,7 @@
 //   slow_frame         render-frame waits until it is killed
 //   wait_check         self-check waits until the sequence folder has a file "go"
 //   no_check           self-check says that nothing can be measured
+//   wait_flow N        assemble waits before it makes scene flow of frame N until the sequence folder has a file "go"
 //   no_pairs           plan finds no depth for colour frames that scene flow needs
 // It appends "start PID\n", "check 1\n", "interval I\n" and "render I\n" to the file "log" of the sequence folder.
 //
@@ -290,6 +291,9 @@ int main(int argc, char** argv) {
     }
     if (ReadFile(options["--options"]).find(R"("scene_flow":true)") != std::string::npos) {
       for (int frame = 0; frame + 1 < 2 * intervals; ++frame) {
+        Tell(R"({"stage":"scene flow, frame )" + std::to_string(frame) + " of " + std::to_string(2 * intervals - 1) +
+             "\"}");
+        while (Says("wait_flow", frame) && access((sequence + "/go").c_str(), F_OK) != 0) usleep(1000);
         WriteFile(out + "/sceneflow/" + Stem(frame) + ".npz", "scene flow " + std::to_string(frame));
       }
     }

@@ -436,6 +436,29 @@ TEST_F(JobManagerTest, SceneFlowIsThereWhenTheJobHasSucceeded) {
   EXPECT_EQ(Frame(job, "sceneflow", "000004"), "scene flow 4");
 }
 
+// All frames are there, and yet something takes time: what it is and how far is told, anew by a server that was killed;
+// how long it will take nobody has measured.
+TEST_F(JobManagerTest, SceneFlowIsMadeWithProgress) {
+  Start();
+  const std::string sequence = ReadySequence("wait_flow 3\n");
+  const std::string job =
+      Take(jobs_->Create({.sequence_id = sequence, .options = {.scene_flow = true}}, "", false)).record.id;
+  for (const bool killed : {false, true}) {
+    if (killed) {
+      Close();
+      OpenStores(folder_ / "data");
+      StartJobs();
+    }
+    WaitUntil([&] { return View(job).progress.stage == "scene flow, frame 3 of 5"; });
+    const Progress progress = View(job).progress;
+    EXPECT_EQ(progress.frames_done, 6);
+    EXPECT_LT(progress.fraction, 1.0);
+    EXPECT_FALSE(progress.eta.has_value());
+  }
+  Go(sequence);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
+}
+
 // Frames and intervals as of an upsampling, under other names, some in a folder of folders; no depth, so no pictures.
 TEST_F(JobManagerTest, SceneFlowJobResumesAndHasNoDepth) {
   Start();

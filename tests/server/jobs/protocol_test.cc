@@ -198,6 +198,10 @@ TEST(Progress, IsMeasuredNeverInvented) {
   EXPECT_EQ(progress.eta->measured_intervals, 4);
   EXPECT_EQ(progress.eta->workers, 2);
   EXPECT_EQ(DescribeProgress(job, "flow", 100).eta->workers, 6) << "no more workers than intervals left";
+  JobRecord computed = job;
+  computed.intervals_done = computed.intervals_total;
+  EXPECT_FALSE(DescribeProgress(computed, "", 2).eta.has_value()) << "nothing has measured what assembling takes";
+  EXPECT_EQ(DescribeProgress(computed, "", 2).stage, "assemble");
   job.intervals_done = 10;
   job.frames_done = 80;
   EXPECT_LT(DescribeProgress(job, "", 2).fraction, 1) << "assembling is still to come";
