@@ -1,6 +1,7 @@
 #include "client/cli/common.h"
 
 #include <google/protobuf/util/json_util.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <iostream>
@@ -21,7 +22,8 @@ void AddCommonOptions(CLI::App& command, CommonOptions& options) {
       ->capture_default_str();
   command
       .add_option("--patience", options.patience_s,
-                  "Go on trying for this long when a server that has answered is away (restart, network)")
+                  "Go on trying for this long while the server does not answer: it has yet to start, restarts, or the "
+                  "network is down. 0: give up at once")
       ->type_name("SECONDS")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
@@ -29,8 +31,16 @@ void AddCommonOptions(CLI::App& command, CommonOptions& options) {
 }
 
 absl::StatusOr<std::unique_ptr<client::Connection>> Connect(const CommonOptions& options) {
-  return client::Connection::Open(
-      {.address = options.server, .patience = std::chrono::milliseconds(std::lround(options.patience_s * 1000))});
+  const auto on_away = [options](const absl::Status& why) {
+    const std::string what =
+        absl::IsUnavailable(why) ? absl::StrCat("no server answers at ", options.server) : std::string(why.message());
+    if (isatty(STDERR_FILENO) == 1) std::cerr << "\r\x1b[K";  // there may be a progress line, which comes again below
+    std::cerr << "depthtween: " << what << "; trying again for up to " << options.patience_s << " s (--patience)"
+              << std::endl;
+  };
+  return client::Connection::Open({.address = options.server,
+                                   .patience = std::chrono::milliseconds(std::lround(options.patience_s * 1000)),
+                                   .on_away = on_away});
 }
 
 absl::StatusOr<std::string> JobName(const std::string& argument) {

@@ -3,21 +3,28 @@
 #define DEPTHTWEEN_CLIENT_LIB_BACKOFF_H_
 
 #include <chrono>
+#include <functional>
+#include <utility>
+
+#include "client/lib/status.h"
 
 namespace depthtween::client {
 
 // Grammar of use:  (Wait | Reset)*  - Wait after every failed try, Reset whenever something has got through.
 class Backoff {
  public:
-  explicit Backoff(std::chrono::milliseconds patience) : patience_(patience) {}
+  // `on_away` is told, once of each absence that lasts longer than a moment, why the last try failed; may be empty.
+  explicit Backoff(std::chrono::milliseconds patience, std::function<void(const absl::Status&)> on_away = nullptr)
+      : patience_(patience), on_away_(std::move(on_away)) {}
 
-  // Pauses, twice as long as the time before, from 0.1 s to 3 s. False, at once, when `patience` has passed since the
-  // first failure after something got through.
-  bool Wait();
+  // Pauses, twice as long as the time before, from 0.1 s to 3 s; `why` the try failed. False, at once, when `patience`
+  // has passed since the first failure after something got through.
+  bool Wait(const absl::Status& why);
   void Reset();
 
  private:
   const std::chrono::milliseconds patience_;
+  const std::function<void(const absl::Status&)> on_away_;
   std::chrono::steady_clock::time_point first_failure_{};  // meaningless while tries_ is 0
   int tries_ = 0;
 };

@@ -53,32 +53,33 @@ Connection::Connection(ConnectionOptions options)
 
 absl::StatusOr<std::unique_ptr<Connection>> Connection::Open(const ConnectionOptions& options) {
   std::unique_ptr<Connection> connection(new Connection(options));
-  grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() +
-                       std::min<std::chrono::milliseconds>(kFirstContact, options.call_timeout));
-  const grpc::Status status = connection->admin_->GetServerInfo(&context, {}, &connection->server_);
-  // An address that swallows packets runs into the deadline where another refuses.
-  if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED) {
-    return connection->Answer(grpc::Status(grpc::StatusCode::UNAVAILABLE, "no answer within 5 s"));
-  }
-  if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
+  v1::AdminService::StubInterface& admin = *connection->admin_;
+  absl::StatusOr<v1::ServerInfo> server =
+      connection->CallWithin(std::min<std::chrono::milliseconds>(kFirstContact, options.call_timeout), admin,
+                             &v1::AdminService::StubInterface::GetServerInfo, v1::GetServerInfoRequest());
+  if (absl::IsUnimplemented(server.status())) {
     return absl::UnimplementedError(absl::StrFormat("what answers at %s is not a Depthtween server: check the address",
                                                     connection->options_.address));
   }
-  if (!status.ok()) return connection->Answer(status);
+  RETURN_IF_ERROR(server.status());
+  connection->server_ = *std::move(server);
   return connection;
 }
 
 absl::Status Connection::Answer(const grpc::Status& status) const {
+  // An address that swallows packets runs into our deadline where another refuses; a server that says so of its own
+  // work says more than that.
+  const bool silent = status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED && status.error_details().empty();
   // Cancelled: not by us, so the server ended the call because it is going away.
-  if (status.error_code() != grpc::StatusCode::UNAVAILABLE && status.error_code() != grpc::StatusCode::CANCELLED) {
+  if (!silent && status.error_code() != grpc::StatusCode::UNAVAILABLE &&
+      status.error_code() != grpc::StatusCode::CANCELLED) {
     return FromRpc(status);
   }
   return absl::UnavailableError(
       absl::StrFormat("no server answers at %s (%s). Start one with 'depthtween-server serve --data-dir DIR --listen "
                       "%s', or name another "
                       "with --server ADDRESS or the environment variable DEPTHTWEEN_SERVER",
-                      options_.address, status.error_message(), options_.address));
+                      options_.address, silent ? "no answer in time" : status.error_message(), options_.address));
 }
 
 }  // namespace depthtween::client

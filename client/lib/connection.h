@@ -8,6 +8,7 @@
 #include <grpcpp/client_context.h>
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -25,13 +26,15 @@ struct ConnectionOptions {
   std::string address = "127.0.0.1:50051";
   // The longest that a call may take which only asks or orders.
   std::chrono::milliseconds call_timeout{20'000};
-  // How long to go on trying when a server that has answered is away.
+  // How long to go on trying while the server does not answer, at first contact as later.
   std::chrono::milliseconds patience{60'000};
+  // Told once of each absence that lasts longer than a moment, by the call that waits; may be empty.
+  std::function<void(const absl::Status& why)> on_away;
 };
 
 class Connection {
  public:
-  // Asks the server about itself. Unavailable, without a second try, says which address does not answer and how to
+  // Asks the server about itself, as patient as every call. Unavailable says which address does not answer and how to
   // start a server; Unimplemented that something else answers there.
   static absl::StatusOr<std::unique_ptr<Connection>> Open(const ConnectionOptions& options);
 
@@ -48,21 +51,31 @@ class Connection {
   absl::StatusOr<Response> Call(Stub& stub,
                                 grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                                 const Request& request) {
-    for (Backoff backoff(options_.patience);;) {
-      grpc::ClientContext context;
-      context.set_deadline(std::chrono::system_clock::now() + options_.call_timeout);
-      Response response;
-      const absl::Status status = Answer((stub.*method)(&context, request, &response));
-      if (status.ok()) return response;
-      if (!IsTransient(status) || !backoff.Wait()) return status;
-    }
+    return CallWithin(options_.call_timeout, stub, method, request);
   }
 
+  // For what is not a single call and can be tried again too.
+  Backoff NewBackoff() const { return Backoff(options_.patience, options_.on_away); }
   // The status of a call to this server; Unavailable names the address and what to do.
   absl::Status Answer(const grpc::Status& status) const;
 
  private:
   explicit Connection(ConnectionOptions options);
+
+  // Each try may take `timeout`.
+  template <typename Stub, typename Request, typename Response>
+  absl::StatusOr<Response> CallWithin(std::chrono::milliseconds timeout, Stub& stub,
+                                      grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+                                      const Request& request) {
+    for (Backoff backoff = NewBackoff();;) {
+      grpc::ClientContext context;
+      context.set_deadline(std::chrono::system_clock::now() + timeout);
+      Response response;
+      const absl::Status status = Answer((stub.*method)(&context, request, &response));
+      if (status.ok()) return response;
+      if (!IsTransient(status) || !backoff.Wait(status)) return status;
+    }
+  }
 
   const ConnectionOptions options_;
   const std::shared_ptr<grpc::Channel> channel_;

@@ -29,15 +29,15 @@ constexpr int64_t kMostFrameBytes = int64_t{1} << 30;
 // way.
 class Persistence {
  public:
-  explicit Persistence(const Connection& connection) : backoff_(connection.options().patience) {}
+  explicit Persistence(const Connection& connection) : backoff_(connection.NewBackoff()) {}
 
   void Progressed() {
     damaged_ = 0;
     backoff_.Reset();
   }
   bool TryAgain(const absl::Status& status) {
-    if (absl::IsDataLoss(status)) return ++damaged_ < kDamagedTries && backoff_.Wait();
-    return IsTransient(status) && backoff_.Wait();
+    if (absl::IsDataLoss(status)) return ++damaged_ < kDamagedTries && backoff_.Wait(status);
+    return IsTransient(status) && backoff_.Wait(status);
   }
 
  private:

@@ -102,7 +102,14 @@ absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job) {
   if (made.state() != v1::Job::STATE_FAILED && made.state() != v1::Job::STATE_CANCELLED) return made;
   v1::RetryJobRequest retry;
   retry.set_name(made.name());
-  return connection.Call(connection.jobs(), &Jobs::RetryJob, retry);
+  absl::StatusOr<v1::Job> retried = connection.Call(connection.jobs(), &Jobs::RetryJob, retry);
+  if (!absl::IsFailedPrecondition(retried.status())) return retried;
+  // A try of this call may have got through and its answer been lost: then the job is queued already.
+  v1::GetJobRequest get;
+  get.set_name(made.name());
+  ASSIGN_OR_RETURN(made, connection.Call(connection.jobs(), &Jobs::GetJob, get));
+  if (made.state() == v1::Job::STATE_FAILED || made.state() == v1::Job::STATE_CANCELLED) return retried.status();
+  return made;
 }
 
 absl::StatusOr<v1::Job> WatchJob(Connection& connection, const std::string& name,
@@ -110,7 +117,7 @@ absl::StatusOr<v1::Job> WatchJob(Connection& connection, const std::string& name
   v1::Job job;
   v1::WatchJobRequest request;
   request.set_name(name);
-  for (Backoff backoff(connection.options().patience); !HasEnded(job.state());) {
+  for (Backoff backoff = connection.NewBackoff(); !HasEnded(job.state());) {
     grpc::ClientContext context;  // no deadline: heartbeats tell whether the server lives
     const auto stream = connection.jobs().WatchJob(&context, request);
     v1::JobEvent event;
@@ -120,11 +127,10 @@ absl::StatusOr<v1::Job> WatchJob(Connection& connection, const std::string& name
       request.set_resume_token(event.resume_token());
       if (on_event) on_event(event, job);
     }
-    const absl::Status status = connection.Answer(stream->Finish());
+    absl::Status status = connection.Answer(stream->Finish());
     if (!status.ok() && !IsTransient(status)) return status;
-    if (!HasEnded(job.state()) && !backoff.Wait()) {
-      return status.ok() ? absl::UnavailableError("the server ended the watch before the job ended") : status;
-    }
+    if (status.ok()) status = absl::UnavailableError("the server ended the watch before the job ended");
+    if (!HasEnded(job.state()) && !backoff.Wait(status)) return status;
   }
   // Events carry no times; the job itself has its end_time.
   v1::GetJobRequest get;

@@ -46,7 +46,7 @@ class GroupUpload {
 
   absl::Status Send() {
     int damaged = 0;
-    Backoff backoff(connection_.options().patience);
+    Backoff backoff = connection_.NewBackoff();
     while (upload_.state() != v1::Upload::STATE_FINISHED) {
       const int64_t before = upload_.committed_size();
       const absl::Status status = Write();
@@ -59,7 +59,7 @@ class GroupUpload {
       where.set_name(upload_.name());
       ASSIGN_OR_RETURN(upload_, connection_.Call(connection_.sequences(), &Sequences::GetUpload, where));
       if (upload_.committed_size() > before) backoff.Reset();
-      if (!backoff.Wait()) return status;
+      if (!backoff.Wait(status)) return status;
     }
     return absl::OkStatus();
   }

@@ -77,6 +77,21 @@ class LifecycleTest(harness.IntegrationTest):
             self.assertEqual(watcher.returncode, 0, stderr)
             self.assertEqual(server.job(name)["state"], "STATE_SUCCEEDED")
 
+    def test_first_contact_waits_for_the_server(self):
+        with Server(self.folder / "data") as server:
+            name = check(server.client("submit", self.sequence, "--method", "hold", "--wait")).stdout.strip()
+            server.kill()
+            waiting = [server.start_client("fetch", name, "-o", str(self.folder / "out")),
+                       server.start_client("status", name), server.start_client("list")]
+            for client in waiting:
+                self.addCleanup(lambda client=client: client.poll() is None and client.kill())
+                self.assertIn("trying again", client.stderr.readline())
+            server.start()
+            for client in waiting:
+                _, stderr = client.communicate(timeout=harness.PATIENCE_S)
+                self.assertEqual(client.returncode, 0, stderr)
+            self.assertEqual(len(list((self.folder / "out" / "depth").glob("*.png"))), FRAMES)
+
     def test_one_data_folder_belongs_to_one_server(self):
         with Server(self.folder / "data") as server:
             second = harness.run("depthtween-server", "serve", "--data-dir", server.data_dir, "--listen", "127.0.0.1:0")

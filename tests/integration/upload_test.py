@@ -120,8 +120,9 @@ class UploadTest(harness.IntegrationTest):
     def test_nobody_there(self):
         with socket.create_server(("127.0.0.1", 0)) as unused:
             port = unused.getsockname()[1]
-        result = harness.run("depthtween", "submit", self.sequence, "--server", f"127.0.0.1:{port}")
+        result = harness.run("depthtween", "submit", self.sequence, "--server", f"127.0.0.1:{port}", "--patience", 1)
         self.assertEqual(result.returncode, harness.EXIT_UNREACHABLE)
+        self.assertIn("trying again for up to 1 s (--patience)", result.stderr)
         self.assertIn(f"127.0.0.1:{port}", result.stderr)
         self.assertIn("depthtween-server serve", result.stderr)
 

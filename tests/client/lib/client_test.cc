@@ -51,10 +51,48 @@ class ClientTest : public testing::Test {
 
 // Port 1 of loopback is refused on any machine of ours.
 TEST(Connection, SaysWhichServerDoesNotAnswerAndHowToStartOne) {
-  const auto connection = Connection::Open({.address = "127.0.0.1:1"});
+  int told = 0;
+  const auto connection = Connection::Open(
+      {.address = "127.0.0.1:1", .patience = std::chrono::seconds(1), .on_away = [&](const absl::Status& why) {
+         EXPECT_TRUE(absl::IsUnavailable(why));
+         ++told;
+       }});
+  EXPECT_EQ(told, 1) << "of the one absence, however many tries";
   EXPECT_TRUE(absl::IsUnavailable(connection.status()));
   EXPECT_THAT(std::string(connection.status().message()), HasSubstr("127.0.0.1:1"));
   EXPECT_THAT(std::string(connection.status().message()), HasSubstr("depthtween-server serve"));
+}
+
+TEST(Connection, WithoutPatienceTriesOnce) {
+  const auto connection = Connection::Open(
+      {.address = "127.0.0.1:1", .patience = std::chrono::seconds(0), .on_away = [](const absl::Status& why) {
+         ADD_FAILURE() << "waits: " << why;
+       }});
+  EXPECT_TRUE(absl::IsUnavailable(connection.status()));
+}
+
+// The server comes up only once the client has said that it waits.
+TEST(Connection, FirstContactIsAsPatientAsEveryCall) {
+  const std::string address = FakeServer().address();
+  std::unique_ptr<FakeServer> server;
+  const auto connection =
+      Connection::Open({.address = address, .patience = std::chrono::minutes(2), .on_away = [&](const absl::Status&) {
+                          server = std::make_unique<FakeServer>(address);
+                        }});
+  ASSERT_TRUE(connection.ok()) << connection.status();
+  EXPECT_EQ((*connection)->server().version(), "fake");
+}
+
+// A server that takes connections and says nothing is away too; what it says of its own work is not for us to retry.
+TEST(Connection, OurDeadlineIsAnAbsenceAndTheServersAnAnswer) {
+  FakeServer server;
+  const auto connection = Connection::Open({.address = server.address()});
+  ASSERT_TRUE(connection.ok());
+  const grpc::Status ours(grpc::StatusCode::DEADLINE_EXCEEDED, "Deadline Exceeded");
+  EXPECT_TRUE(IsTransient((*connection)->Answer(ours)));
+  EXPECT_THAT(std::string((*connection)->Answer(ours).message()), HasSubstr("no answer in time"));
+  const grpc::Status theirs(grpc::StatusCode::DEADLINE_EXCEEDED, "it took longer than 30s", "details");
+  EXPECT_TRUE(absl::IsDeadlineExceeded((*connection)->Answer(theirs)));
 }
 
 TEST_F(ClientTest, UploadsEveryByte) {
@@ -173,6 +211,21 @@ TEST_F(ClientTest, SubmittingACancelledJobQueuesItAgain) {
   ASSERT_TRUE(job.ok());
   EXPECT_EQ(job->state(), v1::Job::STATE_QUEUED);
   EXPECT_EQ(server_.jobs.retries, 1);
+}
+
+// The first try gets through and its answer is lost: the second is refused, and yet the job is queued.
+TEST_F(ClientTest, ARetryWhoseAnswerWasLostIsNoFailure) {
+  server_.jobs.state_of_created = v1::Job::STATE_FAILED;
+  server_.jobs.away_at_retry = 1;
+  server_.jobs.state_of_asked = v1::Job::STATE_QUEUED;
+  const auto job = SubmitJob(*connection_, v1::Job());
+  ASSERT_TRUE(job.ok()) << job.status();
+  EXPECT_EQ(job->state(), v1::Job::STATE_QUEUED);
+  EXPECT_EQ(server_.jobs.retries, 2);
+
+  server_.jobs.away_at_retry = 100;
+  server_.jobs.state_of_asked = v1::Job::STATE_FAILED;
+  EXPECT_TRUE(absl::IsFailedPrecondition(SubmitJob(*connection_, v1::Job()).status()));
 }
 
 // The line is cut after the first event; the watcher must name that event's token, see each event once, and end with

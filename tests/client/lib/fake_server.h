@@ -142,13 +142,15 @@ class FakeJobs : public v1::JobService::Service {
   }
   Status RetryJob(ServerContext*, const v1::RetryJobRequest* request, v1::Job* answer) override {
     retries += 1;
+    if (retries == away_at_retry) return {StatusCode::UNAVAILABLE, "the answer was lost"};
+    if (away_at_retry > 0) return {StatusCode::FAILED_PRECONDITION, "only a FAILED or CANCELLED job can be retried"};
     answer->set_name(request->name());
     answer->set_state(v1::Job::STATE_QUEUED);
     return Status::OK;
   }
   Status GetJob(ServerContext*, const v1::GetJobRequest* request, v1::Job* answer) override {
     answer->set_name(request->name());
-    answer->set_state(v1::Job::STATE_SUCCEEDED);
+    answer->set_state(state_of_asked);
     answer->mutable_end_time()->set_seconds(1);
     return Status::OK;
   }
@@ -165,7 +167,8 @@ class FakeJobs : public v1::JobService::Service {
     return Status::OK;
   }
 
-  v1::Job::State state_of_created = v1::Job::STATE_QUEUED;
+  v1::Job::State state_of_created = v1::Job::STATE_QUEUED, state_of_asked = v1::Job::STATE_SUCCEEDED;
+  int away_at_retry = 0;  // the number of the retry that gets through but is not answered; 0: none
   std::vector<v1::JobEvent> events;
   std::vector<std::string> request_ids, resume_tokens;
   int retries = 0;
@@ -234,9 +237,10 @@ class FakeOutputs : public v1::OutputService::Service {
 
 class FakeServer {
  public:
-  FakeServer() {
+  // On a port of the system's choice, or on this one.
+  explicit FakeServer(const std::string& address = "127.0.0.1:0") {
     grpc::ServerBuilder builder;
-    builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port_);
+    builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port_);
     builder.RegisterService(&admin);
     builder.RegisterService(&sequences);
     builder.RegisterService(&jobs);
