@@ -57,10 +57,9 @@ SelfCheck::Method MethodOf(const MethodScore& score) {
 
 std::string Millimetres(double value) { return absl::StrFormat("%.1f", value); }
 
-}  // namespace
-
-absl::StatusOr<SelfCheck> CheckSelf(const SequenceFolder& recording, const UpsampleOptions& options,
-                                    std::stop_token stop, const std::function<void(int, int)>& on_map) {
+// All but the summary.
+absl::StatusOr<SelfCheck> Measure(const SequenceFolder& recording, const UpsampleOptions& options, std::stop_token stop,
+                                  const std::function<void(int, int)>& on_map) {
   const auto start = std::chrono::steady_clock::now();
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> ours, MakeUpsampler(options));
   const int keys = (static_cast<int>(recording.sequence().depth.size()) - 1) / options.key_every + 1;
@@ -110,10 +109,21 @@ absl::StatusOr<SelfCheck> CheckSelf(const SequenceFolder& recording, const Upsam
   SelfCheck check{.maps_checked = static_cast<int>(checked.size()),
                   .maps_held_out = static_cast<int>(frames.size()),
                   .pixels = scores.score.common_pixels,
-                  .worst_frames = WorstFrames(scores.score, sequence),
-                  .sensor_floor = scores.sensor_floor};
+                  .worst_frames = WorstFrames(scores.score, sequence)};
+  if (scores.sensor_floor)
+    check.sensor_floor =
+        SelfCheck::Floor{.rmse_mm = scores.sensor_floor->rmse_mm, .mae_mm = scores.sensor_floor->mae_mm};
   for (const MethodScore& method : scores.score.methods) check.methods.push_back(MethodOf(method));
   check.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return check;
+}
+
+}  // namespace
+
+absl::StatusOr<SelfCheck> CheckSelf(const SequenceFolder& recording, const UpsampleOptions& options,
+                                    std::stop_token stop, const std::function<void(int, int)>& on_map) {
+  ASSIGN_OR_RETURN(SelfCheck check, Measure(recording, options, std::move(stop), on_map));
+  check.summary = Summary(check);
   return check;
 }
 
@@ -145,7 +155,7 @@ std::string Summary(const SelfCheck& check) {
 }
 
 std::string FormatTable(const SelfCheck& check) {
-  std::string text = Summary(check) + "\n";
+  std::string text = check.summary + "\n";
   if (!check.reason.empty()) return text;
   absl::StrAppendFormat(&text, "\n%-10s  %8s  %8s  %10s  %9s  %8s   (%d of %d held-out depth maps)\n", "self-check",
                         "RMSE mm", "MAE mm", "edge band", "complete", "<1 sigma", check.maps_checked,
@@ -161,35 +171,6 @@ std::string FormatTable(const SelfCheck& check) {
     absl::StrAppendFormat(&text, " %s (%s s, %s mm)", frame.stem, FormatSeconds(frame.time_ns),
                           Millimetres(frame.rmse_mm));
   return text + "\n";
-}
-
-json ToJson(const SelfCheck& check) {
-  json value = {{"summary", Summary(check)}};
-  if (!check.reason.empty()) {
-    value["reason"] = check.reason;
-    return value;
-  }
-  json methods = json::array(), frames = json::array();
-  for (const SelfCheck::Method& method : check.methods) {
-    json& added = methods.emplace_back(json{{"name", method.name},
-                                            {"rmse_mm", method.rmse_mm},
-                                            {"mae_mm", method.mae_mm},
-                                            {"completeness", method.completeness}});
-    if (method.edge_band_rmse_mm) added["edge_band_rmse_mm"] = *method.edge_band_rmse_mm;
-    if (method.within_one_sigma) added["within_one_sigma"] = *method.within_one_sigma;
-  }
-  for (const SelfCheck::Frame& frame : check.worst_frames)
-    frames.push_back(
-        {{"frame", frame.frame}, {"stem", frame.stem}, {"time_ns", frame.time_ns}, {"rmse_mm", frame.rmse_mm}});
-  value.update({{"maps_checked", check.maps_checked},
-                {"maps_held_out", check.maps_held_out},
-                {"pixels", check.pixels},
-                {"methods", std::move(methods)},
-                {"worst_frames", std::move(frames)},
-                {"seconds", check.seconds}});
-  if (check.sensor_floor)
-    value["sensor_floor"] = {{"rmse_mm", check.sensor_floor->rmse_mm}, {"mae_mm", check.sensor_floor->mae_mm}};
-  return value;
 }
 
 }  // namespace depthtween::tools

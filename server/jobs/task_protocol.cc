@@ -220,9 +220,9 @@ absl::StatusOr<ValidationResult> ParseValidation(std::string_view text) {
   });
 }
 
-absl::StatusOr<SelfCheck> ParseSelfCheck(const std::string& text) {
+absl::StatusOr<SelfCheck> ReadSelfCheck(std::string_view text) {
   constexpr size_t kMaxListed = 100;
-  const absl::StatusOr<SelfCheck> check = SelfCheckFromJson(text);
+  const absl::StatusOr<SelfCheck> check = ParseSelfCheck(text);
   if (!check.ok()) return Disagreement(std::string(check.status().message()));
   bool plain = check->summary.size() <= kMaxText && check->reason.size() <= kMaxText && check->maps_checked >= 0 &&
                check->maps_held_out >= check->maps_checked && check->methods.size() <= kMaxListed &&

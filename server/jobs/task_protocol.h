@@ -57,7 +57,7 @@ absl::StatusOr<ValidationResult> ParseValidation(std::string_view json);
 // frame in exactly one interval, stems plain file names and different.
 absl::StatusOr<JobPlan> ParsePlan(std::string_view json);
 // What `self-check` wrote. Internal if it is not what we agreed on: few methods and frames, shares between 0 and 1.
-absl::StatusOr<SelfCheck> ParseSelfCheck(const std::string& json);
+absl::StatusOr<SelfCheck> ReadSelfCheck(std::string_view json);
 // What `plan` answered about renders with these options. Internal if it is not what we agreed on: as many
 // plans, names and outputs plain and different.
 absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view json, std::vector<RenderRecord> renders);

@@ -184,7 +184,8 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
   if (task.kind == TaskKind::kSelfCheck) paths.out = folder + "/self_check.json";
   if (task.kind == TaskKind::kAssemble && job.self_check) {
     paths.self_check = folder + "/self_check.json";
-    if (const absl::Status written = WriteScratchFile(paths.self_check, ToJson(*job.self_check)); !written.ok()) {
+    if (const absl::Status written = WriteScratchFile(paths.self_check, ToJson(*job.self_check).dump());
+        !written.ok()) {
       return failed(written);
     }
   }
@@ -245,7 +246,7 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
     case TaskKind::kSelfCheck: {
       const absl::StatusOr<std::string> answer = ReadWholeFile(paths.out, kMaxAnswerBytes);
       if (!answer.ok()) return failed(answer.status());
-      absl::StatusOr<SelfCheck> check = ParseSelfCheck(*answer);
+      absl::StatusOr<SelfCheck> check = ReadSelfCheck(*answer);
       if (!check.ok()) return failed(check.status());
       outcome.self_check = *std::move(check);
       return outcome;

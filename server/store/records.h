@@ -14,6 +14,7 @@
 #include "core/base/status.h"
 #include "core/geometry/camera.h"
 #include "core/sequence/scene_flow_names.h"
+#include "core/sequence/self_check.h"
 
 namespace depthtween::server {
 
@@ -117,37 +118,6 @@ struct SceneFlowOptions {
 
   // InvalidArgument with field, value and rule.
   absl::Status Validate() const;
-};
-
-// How far the result of an upsampling will be from depth that was measured and held out, as depthtween-core found it.
-struct SelfCheck {
-  struct Method {
-    std::string name;
-    double rmse_mm = 0.0, mae_mm = 0.0;
-    std::optional<double> edge_band_rmse_mm;  // none where no depth edge was
-    double completeness = 0.0;                // share of known pixels filled, [0,1]
-    std::optional<double> within_one_sigma;   // share of errors below the predicted deviation
-  };
-  struct Frame {
-    int frame = 0;
-    std::string stem;
-    int64_t time_ns = 0;
-    double rmse_mm = 0.0;
-  };
-  // What consecutive depth maps differ by where nothing moves.
-  struct Floor {
-    double rmse_mm = 0.0, mae_mm = 0.0;
-  };
-
-  std::string summary;  // in one sentence
-  std::string reason;   // why nothing could be measured; empty if it was, and only then is the rest set
-  int maps_checked = 0;
-  int maps_held_out = 0;  // that could have been
-  int64_t pixels = 0;
-  std::vector<Method> methods;      // the job's own first
-  std::vector<Frame> worst_frames;  // the worst first
-  std::optional<Floor> sensor_floor;
-  double seconds = 0.0;  // wall time of the check
 };
 
 // The depth camera's clock, as depthtween-core measured it from the images. Sigmas are one standard deviation; -1 =

@@ -14,8 +14,6 @@ std::string ToJson(const ValidationResult& result);
 // Without what is done: that is counted elsewhere.
 std::string ToJson(const RenderRecord& render);
 std::string ToJson(const SceneFlowOptions& options);  // which is how depthtween-core reads them too
-// As `depthtween-core task self-check` writes it.
-std::string ToJson(const SelfCheck& check);
 // As `depthtween-core task prepare` writes it into a plan.
 std::string ToJson(const ClockEstimate& estimate);
 
@@ -24,7 +22,6 @@ absl::StatusOr<Recording> RecordingFromJson(const std::string& text);
 absl::StatusOr<ValidationResult> ValidationResultFromJson(const std::string& text);
 absl::StatusOr<SceneFlowOptions> SceneFlowOptionsFromJson(const std::string& text);
 absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text);
-absl::StatusOr<SelfCheck> SelfCheckFromJson(const std::string& text);
 absl::StatusOr<ClockEstimate> ClockEstimateFromJson(const std::string& text);
 
 }  // namespace depthtween::server

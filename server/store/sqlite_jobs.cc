@@ -59,7 +59,9 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
     ASSIGN_OR_RETURN(job.scene_flow_options, SceneFlowOptionsFromJson(row.Text(29)));
   }
   if (!row.IsNull(24)) {
-    ASSIGN_OR_RETURN(job.self_check, SelfCheckFromJson(row.Text(24)));
+    absl::StatusOr<SelfCheck> check = ParseSelfCheck(row.Text(24));
+    if (!check.ok()) return absl::DataLossError(absl::StrCat("database: damaged record: ", check.status().message()));
+    job.self_check = *std::move(check);
   }
   if (!row.IsNull(27)) {
     ASSIGN_OR_RETURN(job.clock_estimate, ClockEstimateFromJson(row.Text(27)));
@@ -205,7 +207,7 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
          job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
          job.options.preset, absl::StrJoin(job.options.without, ","), job.options.self_check,
-         self_check ? SqlValue(ToJson(*self_check)) : nullptr, job.options.causal, job.options.clock,
+         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr, job.options.causal, job.options.clock,
          job.options.scene_flow, job.scene_flow_options ? SqlValue(ToJson(*job.scene_flow_options)) : nullptr,
          absl::StrJoin(job.options.literal, ",")}));
     const int64_t number = database_->LastInsertedRow();

@@ -173,7 +173,8 @@ absl::StatusOr<int64_t> SqliteStore::TakeRenderParts(int64_t job, int wanted) {
 absl::Status SqliteStore::FinishSelfCheck(int64_t task, const SelfCheck& check) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
-    RETURN_IF_ERROR(database_->Run("UPDATE jobs SET self_check_result = ? WHERE number = ?", {ToJson(check), row.job}));
+    RETURN_IF_ERROR(
+        database_->Run("UPDATE jobs SET self_check_result = ? WHERE number = ?", {ToJson(check).dump(), row.job}));
     RETURN_IF_ERROR(RemoveTask(task));
     ASSIGN_OR_RETURN(const JobRecord job, ReadJob(row.job));
     if (job.state == JobState::kRunning) RETURN_IF_ERROR(AddFirstTask(job));

@@ -148,7 +148,7 @@ TEST(SelfCheck, SummaryIsASentence) {
                                     {.name = "linear", .rmse_mm = 25.06},
                                     {.name = "hold", .rmse_mm = 40.2}},
                         .worst_frames = {{.frame = 3, .stem = "0123", .rmse_mm = 20}},
-                        .sensor_floor = DepthScore{.pixels = 5, .rmse_mm = 4.0}};
+                        .sensor_floor = SelfCheck::Floor{.rmse_mm = 4.0}};
   EXPECT_EQ(Summary(check),
             "on your clip, at half the depth rate, ours errs by 12.3 mm RMSE (flow-warp 17.0, linear 25.1, hold 40.2); "
             "worst at frame 0123; the sensor differs from itself by 4.0 mm where nothing moves; the result is better "

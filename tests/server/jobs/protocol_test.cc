@@ -124,7 +124,7 @@ TEST(TaskProtocol, APlanTellsTheClock) {
 
 TEST(TaskProtocol, SelfChecksAreChecked) {
   const auto check = [](const std::string& completeness, const std::string& stem, int maps_held_out = 2) {
-    return ParseSelfCheck(
+    return ReadSelfCheck(
         R"({"summary":"s","maps_checked":2,"maps_held_out":)" + std::to_string(maps_held_out) +
         R"(,"pixels":5,"seconds":1,"methods":[{"name":"ours","rmse_mm":7,"mae_mm":5,"completeness":)" + completeness +
         R"(}],"worst_frames":[{"frame":3,"stem":")" + stem + R"(","time_ns":7,"rmse_mm":8}]})");
@@ -133,7 +133,7 @@ TEST(TaskProtocol, SelfChecksAreChecked) {
   EXPECT_EQ(good.methods[0].completeness, 0.5);
   EXPECT_FALSE(good.methods[0].edge_band_rmse_mm.has_value());
   EXPECT_EQ(good.worst_frames[0].stem, "000003");
-  EXPECT_EQ(Take(ParseSelfCheck(R"({"summary":"s","reason":"too short"})")).reason, "too short");
+  EXPECT_EQ(Take(ReadSelfCheck(R"({"summary":"s","reason":"too short"})")).reason, "too short");
   const auto is_refused = HasCode(absl::StatusCode::kInternal);
   EXPECT_THAT(check("1.5", "000003"), is_refused) << "no share";
   EXPECT_THAT(check("1e999", "000003"), is_refused) << "no number";
@@ -141,7 +141,7 @@ TEST(TaskProtocol, SelfChecksAreChecked) {
   EXPECT_THAT(check("0.5", "000003", 1), is_refused) << "more checked than there were";
   for (const std::string& text : {std::string(), std::string("[]"), std::string("{}"),
                                   R"({"summary":"s","reason":")" + std::string(3000, 'x') + "\"}"}) {
-    EXPECT_THAT(ParseSelfCheck(text), is_refused) << text;
+    EXPECT_THAT(ReadSelfCheck(text), is_refused) << text;
   }
 }
 
