@@ -157,12 +157,8 @@ class FrameFilter {
 absl::StatusOr<IntervalSummary> DolsonBaseline::Run(const FrameSource& source, const ClipConstants& constants,
                                                     const Interval& interval, const RunContext& context,
                                                     const FrameSink& sink) const {
+  if (interval.Held()) return HoldInterval(source, constants, interval, context, sink);
   StageClock clock(context);
-  if (interval.Held()) {
-    clock.Begin("hold");
-    RETURN_IF_ERROR(HoldInterval(source, constants, interval, context, sink));
-    return clock.Finish(interval.frame_count);
-  }
   clock.Begin("read");
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(KeyPair read, ReadKeys(source, interval));
@@ -192,21 +188,11 @@ absl::StatusOr<IntervalSummary> DolsonBaseline::Run(const FrameSource& source, c
     RETURN_IF_ERROR(CheckStop(context));
 
     clock.Begin("finish");
-    const Image<float>& nearer_m = keys[tau <= 0.5 ? 0 : 1].depth_m;
-    const bool at_key_time = tau == 0.0 || tau == 1.0;
-    for (size_t p = 0; p < nearer_m.pixel_count(); ++p) {
-      float& depth_m = result.depth_m.data()[p];
-      Provenance& provenance = result.provenance.data()[p];
-      const float nearer = nearer_m.data()[p];
-      if (at_key_time && nearer > 0.0F) {
-        depth_m = nearer;
-        provenance = Provenance::kMeasured;
-      } else if (depth_m > 0.0F) {
-        provenance = Provenance::kBoth;
-      } else if (nearer > 0.0F) {
-        depth_m = nearer;
-        provenance = Provenance::kInferred;
-      }
+    const NearerKey nearer(keys[0].depth_m, keys[1].depth_m, tau);
+    for (size_t p = 0; p < result.depth_m.pixel_count(); ++p) {
+      const PixelAnswer answer = nearer.Complete({result.depth_m.data()[p], Provenance::kBoth}, p);
+      result.depth_m.data()[p] = answer.depth_m;
+      result.provenance.data()[p] = answer.provenance;
     }
     PredictMeasurementNoise(constants, result);
     RETURN_IF_ERROR(sink(std::move(result)));

@@ -68,33 +68,28 @@ Sample SampleKey(ImageView<const float> key_m, const FlowPair& flow, int x, int 
           .log_weight = std::log(closeness) - static_cast<double>(error_u * error_u + error_v * error_v)};
 }
 
+PixelAnswer Blend(const Sample& a, const Sample& b) {
+  if (a.depth_m > 0.0F && b.depth_m > 0.0F) {
+    const bool agree = std::abs(a.depth_m - b.depth_m) <= kAgreement * std::min(a.depth_m, b.depth_m);
+    if (!agree) return {(a.log_weight >= b.log_weight ? a : b).depth_m, Provenance::kOne};
+    const double share_b = 1.0 / (1.0 + std::exp(a.log_weight - b.log_weight));
+    return {static_cast<float>((1.0 - share_b) * a.depth_m + share_b * b.depth_m), Provenance::kBoth};
+  }
+  return {std::max(a.depth_m, b.depth_m), Provenance::kOne};
+}
+
 DepthResult WarpFrame(const KeyPair& keys, const FlowPair& before, const FlowPair& after, double tau,
                       DepthResult result, int threads) {
-  const ImageView<const float> nearer_m = tau <= 0.5 ? keys.before_m : keys.after_m;
-  const bool at_key_time = tau == 0.0 || tau == 1.0;
+  const int width = result.depth_m.width();
+  const NearerKey nearer(keys.before_m, keys.after_m, tau);
   ParallelRows(result.depth_m.height(), threads, [&](int first_row, int last_row) {
     for (int y = first_row; y < last_row; ++y) {
-      for (int x = 0; x < result.depth_m.width(); ++x) {
-        const Sample a = SampleKey(keys.before_m, before, x, y, 1.0 - tau);
-        const Sample b = SampleKey(keys.after_m, after, x, y, tau);
-        float& depth_m = result.depth_m(x, y);
-        Provenance& provenance = result.provenance(x, y);
-        if (at_key_time && nearer_m(x, y) > 0.0F) {
-          depth_m = nearer_m(x, y);
-          provenance = Provenance::kMeasured;
-        } else if (a.depth_m > 0.0F && b.depth_m > 0.0F) {
-          const bool agree = std::abs(a.depth_m - b.depth_m) <= kAgreement * std::min(a.depth_m, b.depth_m);
-          const Sample& heavier = a.log_weight >= b.log_weight ? a : b;
-          const double share_b = 1.0 / (1.0 + std::exp(a.log_weight - b.log_weight));
-          depth_m = agree ? static_cast<float>((1.0 - share_b) * a.depth_m + share_b * b.depth_m) : heavier.depth_m;
-          provenance = agree ? Provenance::kBoth : Provenance::kOne;
-        } else if (a.depth_m > 0.0F || b.depth_m > 0.0F) {
-          depth_m = std::max(a.depth_m, b.depth_m);
-          provenance = Provenance::kOne;
-        } else if (nearer_m(x, y) > 0.0F) {
-          depth_m = nearer_m(x, y);
-          provenance = Provenance::kInferred;
-        }
+      for (int x = 0; x < width; ++x) {
+        const PixelAnswer warped =
+            Blend(SampleKey(keys.before_m, before, x, y, 1.0 - tau), SampleKey(keys.after_m, after, x, y, tau));
+        const PixelAnswer answer = nearer.Complete(warped, static_cast<size_t>(y) * width + x);
+        result.depth_m(x, y) = answer.depth_m;
+        result.provenance(x, y) = answer.provenance;
       }
     }
   });
@@ -106,12 +101,8 @@ DepthResult WarpFrame(const KeyPair& keys, const FlowPair& before, const FlowPai
 absl::StatusOr<IntervalSummary> FlowWarpBaseline::Run(const FrameSource& source, const ClipConstants& constants,
                                                       const Interval& interval, const RunContext& context,
                                                       const FrameSink& sink) const {
+  if (interval.Held()) return HoldInterval(source, constants, interval, context, sink);
   StageClock clock(context);
-  if (interval.Held()) {
-    clock.Begin("hold");
-    RETURN_IF_ERROR(HoldInterval(source, constants, interval, context, sink));
-    return clock.Finish(interval.frame_count);
-  }
   clock.Begin("read");
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const KeyPair keys, ReadKeys(source, interval));

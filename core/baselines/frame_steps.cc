@@ -66,8 +66,11 @@ void PredictMeasurementNoise(const ClipConstants& constants, DepthResult& result
   }
 }
 
-absl::Status HoldInterval(const FrameSource& source, const ClipConstants& constants, const Interval& interval,
-                          const RunContext& context, const FrameSink& sink) {
+absl::StatusOr<IntervalSummary> HoldInterval(const FrameSource& source, const ClipConstants& constants,
+                                             const Interval& interval, const RunContext& context,
+                                             const FrameSink& sink) {
+  StageClock clock(context);
+  clock.Begin("hold");
   ASSIGN_OR_RETURN(const Image<float> key_m, ReadKey(source, std::max(interval.key_before, interval.key_after)));
   for (int i = 0; i < interval.frame_count; ++i) {
     RETURN_IF_ERROR(CheckStop(context));
@@ -79,7 +82,7 @@ absl::Status HoldInterval(const FrameSource& source, const ClipConstants& consta
     PredictMeasurementNoise(constants, result);
     RETURN_IF_ERROR(sink(std::move(result)));
   }
-  return absl::OkStatus();
+  return clock.Finish(interval.frame_count);
 }
 
 absl::Status CheckStop(const RunContext& context) {

@@ -1,8 +1,10 @@
-// What all baselines share: the frame under work, held intervals and the predicted noise.
+// What all baselines share: the frame under work, held intervals, the key that is nearer in time and the predicted
+// noise.
 #ifndef DEPTHTWEEN_CORE_BASELINES_FRAME_STEPS_H_
 #define DEPTHTWEEN_CORE_BASELINES_FRAME_STEPS_H_
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -39,9 +41,36 @@ DepthResult BlankResult(const FrameSource& source, int color_index);
 // The standard deviation of one measurement at each known depth.
 void PredictMeasurementNoise(const ClipConstants& constants, DepthResult& result);
 
-// All frames of a held interval: its one key, unmoved.
-absl::Status HoldInterval(const FrameSource& source, const ClipConstants& constants, const Interval& interval,
-                          const RunContext& context, const FrameSink& sink);
+// What a method says of one pixel.
+struct PixelAnswer {
+  float depth_m = 0.0F;  // 0: nothing
+  Provenance provenance = Provenance::kNone;
+};
+
+// The key that is nearer in time to a frame at `tau`: at its own time its measurements go first, elsewhere they are the
+// last resort. Borrows both maps.
+class NearerKey {
+ public:
+  NearerKey(const Image<float>& before_m, const Image<float>& after_m, double tau)
+      : depth_m_(tau <= 0.5 ? before_m : after_m), at_its_time_(tau == 0.0 || tau == 1.0) {}
+
+  // What stands at a pixel, counted row by row, where the method itself says `own`.
+  PixelAnswer Complete(const PixelAnswer& own, size_t pixel) const {
+    const float key_m = depth_m_.data()[pixel];
+    if (at_its_time_ && key_m > 0.0F) return {key_m, Provenance::kMeasured};
+    if (own.depth_m > 0.0F) return own;
+    return key_m > 0.0F ? PixelAnswer{key_m, Provenance::kInferred} : PixelAnswer{};
+  }
+
+ private:
+  const Image<float>& depth_m_;
+  const bool at_its_time_;
+};
+
+// The whole run of a held interval: all its frames are its one key, unmoved.
+absl::StatusOr<IntervalSummary> HoldInterval(const FrameSource& source, const ClipConstants& constants,
+                                             const Interval& interval, const RunContext& context,
+                                             const FrameSink& sink);
 
 // Cancelled once `context.stop` has fired.
 absl::Status CheckStop(const RunContext& context);

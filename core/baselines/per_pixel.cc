@@ -32,12 +32,8 @@ PixelAnswer LinearPixel(float before_m, float after_m, double tau) {
 absl::StatusOr<IntervalSummary> PerPixelBaseline::Run(const FrameSource& source, const ClipConstants& constants,
                                                       const Interval& interval, const RunContext& context,
                                                       const FrameSink& sink) const {
+  if (interval.Held()) return HoldInterval(source, constants, interval, context, sink);
   StageClock clock(context);
-  if (interval.Held()) {
-    clock.Begin("hold");
-    RETURN_IF_ERROR(HoldInterval(source, constants, interval, context, sink));
-    return clock.Finish(interval.frame_count);
-  }
   clock.Begin("read");
   ASSIGN_OR_RETURN(const KeyPair keys, ReadKeys(source, interval));
   clock.Begin("interpolate");

@@ -8,11 +8,6 @@
 
 namespace depthtween {
 
-struct PixelAnswer {
-  float depth_m = 0.0F;
-  Provenance provenance = Provenance::kNone;
-};
-
 // From the depth of both keys at a pixel (0 = unknown) and tau in [0,1].
 using PixelRule = PixelAnswer (*)(float before_m, float after_m, double tau);
 

@@ -25,12 +25,8 @@ SolveOptions DepthAlone() {
 absl::StatusOr<IntervalSummary> TrackingBaseline::Run(const FrameSource& source, const ClipConstants& constants,
                                                       const Interval& interval, const RunContext& context,
                                                       const FrameSink& sink) const {
+  if (interval.Held()) return HoldInterval(source, constants, interval, context, sink);
   StageClock clock(context);
-  if (interval.Held()) {
-    clock.Begin("hold");
-    RETURN_IF_ERROR(HoldInterval(source, constants, interval, context, sink));
-    return clock.Finish(interval.frame_count);
-  }
   clock.Begin("read");
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const KeyPair keys, ReadKeys(source, interval));
@@ -67,25 +63,16 @@ absl::StatusOr<IntervalSummary> TrackingBaseline::Run(const FrameSource& source,
     clock.Begin("draw");
     DepthResult result = BlankResult(source, interval.first_frame + i);
     const int nearer = taus[i] <= 0.5 ? 0 : 1;
-    const Image<float>& nearer_m = nearer == 0 ? keys.before_m : keys.after_m;
-    const bool at_key_time = taus[i] == 0.0 || taus[i] == 1.0;
+    const NearerKey nearer_key(keys.before_m, keys.after_m, taus[i]);
     std::array<DrawnSurface, 2> seen;
     for (int side = 0; side < 2; ++side)
       if (index[side][i] >= 0) seen[side] = surfaces[side]->SeenIn(index[side][i]);
-    for (size_t p = 0; p < nearer_m.pixel_count(); ++p) {
-      float& depth_m = result.depth_m.data()[p];
-      Provenance& provenance = result.provenance.data()[p];
+    for (size_t p = 0; p < result.depth_m.pixel_count(); ++p) {
       const auto drawn = [&](int side) { return seen[side].depth_m.empty() ? 0.0F : seen[side].depth_m.data()[p]; };
-      if (at_key_time && nearer_m.data()[p] > 0) {
-        depth_m = nearer_m.data()[p];
-        provenance = Provenance::kMeasured;
-      } else if (const float z = drawn(nearer) > 0 ? drawn(nearer) : drawn(1 - nearer); z > 0) {
-        depth_m = z;
-        provenance = Provenance::kOne;
-      } else if (nearer_m.data()[p] > 0) {
-        depth_m = nearer_m.data()[p];
-        provenance = Provenance::kInferred;
-      }
+      const float z = drawn(nearer) > 0 ? drawn(nearer) : drawn(1 - nearer);
+      const PixelAnswer answer = nearer_key.Complete({z, Provenance::kOne}, p);
+      result.depth_m.data()[p] = answer.depth_m;
+      result.provenance.data()[p] = answer.provenance;
     }
     PredictMeasurementNoise(constants, result);
     RETURN_IF_ERROR(sink(std::move(result)));

@@ -313,11 +313,10 @@ void CoarseSpace::AddEdges(const Cell& cell) {
   const Point8 middle{AllLanes(cell.middle.x), AllLanes(cell.middle.y), AllLanes(cell.middle.z)};
   Lanes forms[kPairs][kEdgeSums] = {}, reg_sums[kPairs] = {};
   cell.ForEachEight(data_.grid, [&](ptrdiff_t at, int x, int y) {
-    constexpr int kSteps[4][2] = {{1, 0}, {0, 1}, {1, 1}, {-1, 1}};
     const Hats here = cell.HatsAt(x, y);
     const Point8 p = LoadPoint(data_.point, 0, at) - middle;
     for (int d = 0; d < 4; ++d) {
-      const auto [dx, dy] = kSteps[d];
+      const auto [dx, dy] = kEdgeSteps[d];
       if (dy > 0 && y >= cell.y1) continue;  // leads out of the grid
       const int first = dx < 0 ? cell.x0 + 1 : cell.x0, end = dx == 0 ? cell.x_end : dx > 0 ? cell.x1 : cell.x1 + 1;
       const Lanes strain = KeepLanes(Cell::Within(x, first, end), LoadLanes(data_.strain[d] + at));

@@ -23,6 +23,9 @@
 
 namespace depthtween {
 
+// The edges that a point has: to the right, below, below right, below left.
+constexpr int kEdgeSteps[4][2] = {{1, 0}, {0, 1}, {1, 1}, {-1, 1}};
+
 // Keeps the steps of points that nothing holds small: added to the matrix, not to the energy, per footprint and per
 // radian.
 constexpr float kDamping = 1e-4F;
@@ -54,9 +57,9 @@ struct EnergyData {
   float steps_share = kPrintedShortShare;  // of |step|^2 in E_short
   bool in_metres = false;                  // `strain` is 1/m^2 for edges of any length, and counts in E_reg as it is
   // Planes.
-  Planes point;   // x, y, z in the key, metres; (0, 0, 1) where there is none
-  Planes exists;  // 1 or 0
-  Planes strain;  // of the edges to right, below, below right, below left: w_ij/(|e|^2 sigma_strain^2), 1/m^2; 0 = cut
+  Planes point;      // x, y, z in the key, metres; (0, 0, 1) where there is none
+  Planes exists;     // 1 or 0
+  Planes strain;     // of the edges along kEdgeSteps: w_ij/(|e|^2 sigma_strain^2), 1/m^2; 0 = cut
   Planes footprint;  // 1: over the size of a pixel at the point, 1/m
   Planes partner;    // x, y, z, normal x, y, z in the other key; 1/sigma of point, of plane, 1/m; 0 = none
   std::vector<FrameData> frames;

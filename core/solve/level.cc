@@ -44,8 +44,6 @@ float PrintedCoherence(float length2, float color2) {
   return std::exp(-length2 / (0.015F * 0.015F) - 255.0F * 255.0F * color2);
 }
 
-constexpr int kForward[4][2] = {{1, 0}, {0, 1}, {1, 1}, {-1, 1}};  // as EnergyData::strain stores edges
-
 float Focal(const SolveProblem& problem) { return static_cast<float>(0.5 * (problem.camera.fx + problem.camera.fy)); }
 
 uint8_t Nearest(ImageView<const uint8_t> image, float x, float y) {
@@ -99,7 +97,7 @@ Evidence GatherEvidence(const SolveProblem& problem, const SolveOptions& options
     for (int j = 0; j < height; ++j)
       for (int i = 0; i < width; ++i) {
         if (!Exists(evidence.point(i, j))) continue;
-        for (const auto& d : kForward) {
+        for (const auto& d : kEdgeSteps) {
           const int ni = i + d[0], nj = j + d[1];
           if (!evidence.point.Contains(ni, nj)) continue;
           const bool joined =
@@ -234,7 +232,7 @@ Level MakeLevel(const SolveProblem& problem, const SolveOptions& options, const 
       data.exists[0][at] = 1.0F;
       data.footprint[0][at] = focal / p.z;
       for (int d = 0; d < 4; ++d) {
-        const int ni = i + kForward[d][0], nj = j + kForward[d][1];
+        const int ni = i + kEdgeSteps[d][0], nj = j + kEdgeSteps[d][1];
         if (ni < 0 || ni >= grid.width || nj >= grid.height || source(ni, nj) < 0) continue;
         const int32_t other = source(ni, nj);
         const Triple<float>& q = evidence.point.data()[other];
@@ -502,7 +500,7 @@ int CutTorn(const SolveProblem& problem, const IdealPixels& pixels, const Eviden
         for (int d = 0; d < 4; ++d) {
           float& strain = data.strain[d][grid.at(i, j)];
           if (strain == 0) continue;
-          const int ni = i + kForward[d][0], nj = j + kForward[d][1];
+          const int ni = i + kEdgeSteps[d][0], nj = j + kEdgeSteps[d][1];
           if (!Exists(moved(i, j)) || !Exists(moved(ni, nj))) continue;
           const Triple<float> edge = TripleAt(data.point, 0, grid.at(i, j)) - TripleAt(data.point, 0, grid.at(ni, nj));
           const Triple<float> now = moved(i, j) - moved(ni, nj);
@@ -532,7 +530,7 @@ int WeighTopologyAsPrinted(const Evidence& evidence, Level& level) {
       for (int d = 0; d < 4; ++d) {
         float& strain = data.strain[d][grid.at(i, j)];
         if (strain == 0) continue;
-        const int ni = i + kForward[d][0], nj = j + kForward[d][1];
+        const int ni = i + kEdgeSteps[d][0], nj = j + kEdgeSteps[d][1];
         const Triple<float> own = tracked(i, j), other = tracked(ni, nj), now = own - other;
         if (!Exists(own) || !Exists(other)) continue;
         const Triple<float> edge = TripleAt(data.point, 0, grid.at(i, j)) - TripleAt(data.point, 0, grid.at(ni, nj));

@@ -176,6 +176,25 @@ TEST(LinearPixel, TakesTheKnownDepthWhereOneIsUnknown) {
 }
 
 // Outside the first and last key there is one key to go by, whatever the method: it is held, and marked so.
+// Of the key at 1 m before and that of 2 m after, which knows the first pixel alone.
+TEST(NearerKey, GoesFirstAtItsOwnTimeAndLastElsewhere) {
+  const Image<float> before_m(2, 1, 1.0F);
+  Image<float> after_m(2, 1);
+  after_m(0, 0) = 2.0F;
+  const PixelAnswer own = {1.5F, Provenance::kOne}, none;
+  const auto at = [&](double tau, const PixelAnswer& answer, size_t pixel) {
+    const PixelAnswer complete = NearerKey(before_m, after_m, tau).Complete(answer, pixel);
+    return std::pair(complete.depth_m, complete.provenance);
+  };
+  EXPECT_EQ(at(0.0, own, 0), std::pair(1.0F, Provenance::kMeasured));
+  EXPECT_EQ(at(1.0, own, 0), std::pair(2.0F, Provenance::kMeasured));
+  EXPECT_EQ(at(1.0, own, 1), std::pair(1.5F, Provenance::kOne));
+  EXPECT_EQ(at(0.5, own, 0), std::pair(1.5F, Provenance::kOne));
+  EXPECT_EQ(at(0.5, none, 0), std::pair(1.0F, Provenance::kInferred));
+  EXPECT_EQ(at(0.6, none, 0), std::pair(2.0F, Provenance::kInferred));
+  EXPECT_EQ(at(0.6, none, 1), std::pair(0.0F, Provenance::kNone));
+}
+
 TEST(Baselines, HoldOutsideTheKeysAndSaySo) {
   Clip clip{.color_ns = {0, 10, 20, 30, 40}, .depth_ns = {10, 30}};
   clip.depth_m = [](int x, int, int64_t t) { return x == 0 ? 0.0F : (t == 10 ? 1.0F : 2.0F); };
