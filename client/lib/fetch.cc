@@ -36,6 +36,7 @@ class Persistence {
     backoff_.Reset();
   }
   bool TryAgain(const absl::Status& status) {
+    if (IsLost(status)) return false;
     if (absl::IsDataLoss(status)) return ++damaged_ < kDamagedTries && backoff_.Wait(status);
     return IsTransient(status) && backoff_.Wait(status);
   }
@@ -345,7 +346,8 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
       }
       continue;
     }
-    if (!output.ready()) {
+    // Asked for all the same: the server says best what is to be done.
+    if (!output.ready() && !output.lost()) {
       summary.complete = false;
       continue;
     }

@@ -19,7 +19,8 @@ struct Frame {
 
 // Streams the frames that `request` asks for into `sink`, in order, each once: a cut line or damaged bytes cost a new
 // stream that goes on after the last whole frame. An error of `sink` ends the stream and is returned.
-// Errors: Aborted when a followed job ended without success; DataLoss when frames arrive damaged again and again.
+// Errors: Aborted when a followed job ended without success; DataLoss when frames arrive damaged again and again, or
+// when the server has lost one.
 absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest request,
                           const std::function<absl::Status(const Frame&)>& sink);
 

@@ -44,6 +44,8 @@ bool IsTransient(const absl::Status& status) {
   return absl::IsUnavailable(status) || status.GetPayload(kReasonPayload) == absl::Cord("SERVER_BUSY");
 }
 
+bool IsLost(const absl::Status& status) { return status.GetPayload(kReasonPayload) == absl::Cord("FILE_LOST"); }
+
 absl::Status FromProto(const google::rpc::Status& status) {
   return absl::Status(static_cast<absl::StatusCode>(status.code()), status.message());
 }

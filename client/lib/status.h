@@ -35,6 +35,9 @@ absl::Status FromRpc(const grpc::Status& status);
 // Whether the same call may succeed a little later: the server is away, stopping, or has too much to do right now.
 bool IsTransient(const absl::Status& status);
 
+// Whether the server has lost what was asked for: asking again does not help.
+bool IsLost(const absl::Status& status);
+
 // The status inside a message: of a violation, of a failed job.
 absl::Status FromProto(const google::rpc::Status& status);
 

@@ -452,7 +452,7 @@ absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome
     case TaskKind::kIntervals:
     case TaskKind::kRender:
     case TaskKind::kAssemble:
-      return store_.CompleteTask(task.number);
+      return store_.CompleteTask(task.number, outcome.assembled);
   }
   return absl::OkStatus();
 }

@@ -1,5 +1,7 @@
 #include "server/jobs/task_runner.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <set>
 #include <string>
@@ -107,6 +109,20 @@ absl::Status TaskRunner::MakeResultFolders(const JobRecord& job) {
     RETURN_IF_ERROR(SyncFolder(changed));
   }
   return absl::OkStatus();
+}
+
+absl::StatusOr<std::optional<std::vector<int>>> TaskRunner::FramesAssembled(const JobRecord& job) {
+  const std::vector<OutputSpec> outputs = OutputsOf(job);
+  const auto output = std::find_if(outputs.begin(), outputs.end(), [](const OutputSpec& o) { return o.assembled; });
+  if (output == outputs.end()) return std::nullopt;
+  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, store_.JobFrames(job.id, 0, job.frames_total));
+  std::vector<int> found;
+  for (const FrameRecord& frame : frames) {
+    const std::string file =
+        absl::StrCat(directory_.OutFolder(job.id), "/", output->file_name, "/", frame.stem, ".", output->extension);
+    if (access(file.c_str(), F_OK) == 0) found.push_back(frame.index);
+  }
+  return found;
 }
 
 absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
@@ -272,9 +288,13 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
                                                           finished.size(), intervals.size())));
       }
       return outcome;
-    case TaskKind::kAssemble:
+    case TaskKind::kAssemble: {
       if (const absl::Status synced = SyncFolder(paths.out); !synced.ok()) return failed(synced);
+      absl::StatusOr<std::optional<std::vector<int>>> assembled = FramesAssembled(job);
+      if (!assembled.ok()) return failed(assembled.status());
+      outcome.assembled = *std::move(assembled);
       return outcome;
+    }
   }
   return outcome;
 }

@@ -6,6 +6,7 @@
 #include <optional>
 #include <stop_token>
 #include <string_view>
+#include <vector>
 
 #include "core/base/status.h"
 #include "server/jobs/job_manager.h"
@@ -23,6 +24,8 @@ struct TaskOutcome {
   std::optional<ValidationResult> validation;  // of a validate task that ended well
   std::optional<SelfCheck> self_check;         // of a self-check task that ended well
   std::optional<JobPlan> plan;                 // of a prepare task that ended well
+  // Of an assemble task that ended well, whose job has an output that is made of frames at the end: those that have it.
+  std::optional<std::vector<int>> assembled;
 };
 
 // What the runner tells while the child runs, on the runner's thread.
@@ -47,6 +50,8 @@ class TaskRunner {
   absl::Status MoveInterval(const Task& task, const JobRecord& job, const PlannedInterval& interval);
   // Makes what later tasks find on the disk durable, before the plan is recorded.
   absl::Status MakeResultFolders(const JobRecord& job);
+  // Which frames have a file of the output that is made at the end; nullopt if there is no such output.
+  absl::StatusOr<std::optional<std::vector<int>>> FramesAssembled(const JobRecord& job);
   // The plan of a job whose depth another one has, with that depth in its own result.
   absl::StatusOr<JobPlan> TakeOverDepth(const JobRecord& job);
 

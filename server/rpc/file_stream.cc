@@ -20,12 +20,6 @@ constexpr int64_t kChunkBytes = 256 << 10;
 
 }  // namespace
 
-absl::StatusOr<int64_t> FileSize(const std::string& path) {
-  struct stat facts {};
-  if (stat(path.c_str(), &facts) != 0) return ErrnoStatus(errno, absl::StrCat("look at ", path));
-  return facts.st_size;
-}
-
 FileStream::FileStream(CallRuntime& runtime, grpc::CallbackServerContext* context, JobManager& jobs,
                        const v1::ReadOutputRequest& request)
     : ServerStream(runtime, context, "ReadOutput", request.name()), jobs_(jobs), request_(request) {}
@@ -44,8 +38,10 @@ absl::StatusOr<FileStream::Next> FileStream::Produce() {
   do {
     count = pread(descriptor_, data.data(), data.size(), position_);
   } while (count < 0 && errno == EINTR);
-  if (count < 0) return ErrnoStatus(errno, absl::StrCat("read ", path_));
-  if (count == 0) return absl::DataLossError(absl::StrFormat("%s became shorter than %d bytes", path_, size_bytes_));
+  if (count < 0) return ErrnoStatus(errno, absl::StrCat("read ", request_.name()));
+  if (count == 0) {
+    return absl::DataLossError(absl::StrFormat("%s became shorter than %d bytes", request_.name(), size_bytes_));
+  }
   data.resize(count);
   chunk.set_offset(position_);
   chunk.set_crc32c(Crc32c(data));
@@ -75,8 +71,16 @@ absl::Status FileStream::Open() {
                              "%s can be read once the job has SUCCEEDED, it is %s", request_.name(), state)),
                          {.reason = "WRONG_STATE", .metadata = {{"state", state}, {"resource", JobName(ids.job_id)}}});
   }
-  path_ = jobs_.OutputFile(ids.job_id, output);
-  ASSIGN_OR_RETURN(size_bytes_, FileSize(path_));
+  descriptor_ = open(jobs_.OutputFile(ids.job_id, output).c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor_ < 0 && errno == ENOENT) {
+    RETURN_IF_ERROR(jobs_.Get(ids.job_id).status());  // a job that is being deleted says so itself
+    return FileLost(request_.name());
+  }
+  struct stat facts {};
+  if (descriptor_ < 0 || fstat(descriptor_, &facts) != 0) {
+    return ErrnoStatus(errno, absl::StrCat("open ", request_.name()));
+  }
+  size_bytes_ = facts.st_size;
   if (request_.read_offset() > size_bytes_) {
     return WithErrorInfo(absl::OutOfRangeError(absl::StrFormat("read_offset = %d, the output has %d bytes",
                                                                request_.read_offset(), size_bytes_)),
@@ -85,8 +89,6 @@ absl::Status FileStream::Open() {
   position_ = request_.read_offset();
   end_ =
       request_.read_limit() == 0 ? size_bytes_ : position_ + std::min(request_.read_limit(), size_bytes_ - position_);
-  descriptor_ = open(path_.c_str(), O_RDONLY | O_CLOEXEC);
-  if (descriptor_ < 0) return ErrnoStatus(errno, absl::StrCat("open ", path_));
   return absl::OkStatus();
 }
 

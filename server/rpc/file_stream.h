@@ -11,8 +11,6 @@
 
 namespace depthtween::server {
 
-absl::StatusOr<int64_t> FileSize(const std::string& path);
-
 class FileStream : public ServerStream<v1::ReadOutputResponse> {
  public:
   FileStream(CallRuntime& runtime, grpc::CallbackServerContext* context, JobManager& jobs,
@@ -21,12 +19,11 @@ class FileStream : public ServerStream<v1::ReadOutputResponse> {
 
  private:
   absl::StatusOr<Next> Produce() override;
-  // Checks the request and opens the file.
+  // Checks the request and opens the file. DataLoss (FILE_LOST) if it is gone.
   absl::Status Open();
 
   JobManager& jobs_;
   const v1::ReadOutputRequest request_;
-  std::string path_;
   int descriptor_ = -1;  // held, so that all bytes come from one file even if the job is retried meanwhile
   int64_t size_bytes_ = 0;
   int64_t position_ = 0;

@@ -136,10 +136,10 @@ absl::Status FrameStream::Load(const FrameRecord& frame) {
   if (absl::IsNotFound(stored.status())) {
     // A job that is being deleted says so itself; a file that is gone otherwise is damage.
     RETURN_IF_ERROR(jobs_.Get(job_id_).status());
-    if (output_->assembled) stored = std::string();  // not every frame has one
-  }
-  if (absl::IsNotFound(stored.status())) {
-    return absl::DataLossError(absl::StrFormat("frame %d is recorded, but its file is gone", frame.index));
+    // Not every frame has what is made at the end. Of jobs from before that was recorded nobody can tell.
+    const bool has_none = output_->assembled && !frame.assembled.value_or(false);
+    if (!has_none) return FileLost(request_.name(), frame.index);
+    stored = std::string();
   }
   RETURN_IF_ERROR(stored.status());
   const bool metric = output_->kind == OutputKind::kDepth || output_->kind == OutputKind::kUncertainty;

@@ -1,6 +1,9 @@
 #include "server/rpc/output_service.h"
 
+#include <cstdint>
+#include <filesystem>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -43,9 +46,11 @@ class OutputService : public v1::OutputService::CallbackService {
         } else {
           output->set_kind(v1::Output::KIND_FILE);
           if (job.record.state == JobState::kSucceeded) {
-            ASSIGN_OR_RETURN(const int64_t size_bytes, FileSize(jobs_.OutputFile(job_id, spec)));
-            output->set_ready(true);
-            output->set_size_bytes(size_bytes);
+            std::error_code error;
+            const uintmax_t size_bytes = std::filesystem::file_size(jobs_.OutputFile(job_id, spec), error);
+            output->set_ready(!error);
+            output->set_lost(static_cast<bool>(error));
+            if (!error) output->set_size_bytes(static_cast<int64_t>(size_bytes));
           }
         }
       }

@@ -48,6 +48,16 @@ absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_
       {.reason = "LIMIT_EXCEEDED", .metadata = {{"limit", std::string(limit)}, {"maximum", absl::StrCat(maximum)}}});
 }
 
+absl::Status FileLost(std::string_view output, int frame) {
+  ErrorInfo info = {.reason = "FILE_LOST", .metadata = {{"resource", std::string(output)}}};
+  if (frame >= 0) info.metadata["frame"] = absl::StrCat(frame);
+  return WithErrorInfo(
+      absl::DataLossError(absl::StrCat(frame >= 0 ? absl::StrCat("frame ", frame, " of ") : "", View(output),
+                                       " was made, but its file is lost from the server's disk; delete the job and "
+                                       "create it again to have it made anew")),
+      info);
+}
+
 absl::Status DiskFull(std::string_view message) {
   return WithErrorInfo(absl::ResourceExhaustedError(View(message)), {.reason = "DISK_FULL"});
 }

@@ -27,6 +27,7 @@ namespace depthtween::server {
 //   NO_SCENE_FLOW          FailedPrecondition   resource (the sequence that cannot give it)
 //   SEQUENCE_GONE          FailedPrecondition   resource
 //   NO_SUCH_FRAME          OutOfRange           frame_count
+//   FILE_LOST              DataLoss             resource (the output), and frame of one that is made of frames
 //   SERVER_BUSY            ResourceExhausted
 //   NO_SUCH_RESOURCE       NotFound             resource ("sequences/...", "jobs/...")
 struct ErrorInfo {
@@ -45,6 +46,8 @@ absl::Status NoSuchResource(std::string_view resource);
 absl::Status WrongState(std::string_view state, std::string_view message);
 absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_view message);
 absl::Status DiskFull(std::string_view message);
+// Of an output that was made; `frame` < 0: it is one file.
+absl::Status FileLost(std::string_view output, int frame = -1);
 
 }  // namespace depthtween::server
 

@@ -222,6 +222,8 @@ struct FrameRecord {
   int64_t time_ns = 0;
   std::string stem;
   bool ready = false;  // its interval is done, or that part of its render: its files are durable and may be read
+  // Whether it has a file of what `assemble` makes for each frame that has it to give; none: nobody knows (yet).
+  std::optional<bool> assembled;
 };
 
 enum class TaskKind { kValidate = 1, kPrepare = 2, kIntervals = 3, kAssemble = 4, kRender = 5, kSelfCheck = 6 };

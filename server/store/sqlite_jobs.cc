@@ -336,14 +336,18 @@ absl::StatusOr<std::vector<FrameRecord>> SqliteStore::JobFrames(std::string_view
     ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
     std::vector<FrameRecord> frames;
     const auto on_row = [&frames](const SqlRow& row) {
-      frames.push_back({.index = row.Int(0), .time_ns = row.Int64(1), .stem = row.Text(2), .ready = row.Int(3) != 0});
+      frames.push_back({.index = row.Int(0),
+                        .time_ns = row.Int64(1),
+                        .stem = row.Text(2),
+                        .ready = row.Int(3) != 0,
+                        .assembled = row.IsNull(4) ? std::nullopt : std::optional(row.Int(4) != 0)});
     };
     RETURN_IF_ERROR(
-        render < 0 ? database_->Run("SELECT f.idx, f.time_ns, f.stem, i.done FROM frames f "
+        render < 0 ? database_->Run("SELECT f.idx, f.time_ns, f.stem, i.done, f.assembled FROM frames f "
                                     "JOIN intervals i ON i.job = f.job AND i.idx = f.interval "
                                     "WHERE f.job = ? AND f.idx >= ? ORDER BY f.idx LIMIT ?",
                                     {number, first, count}, on_row)
-                   : database_->Run("SELECT f.idx, f.time_ns, f.stem, p.done FROM frames f "
+                   : database_->Run("SELECT f.idx, f.time_ns, f.stem, p.done, f.assembled FROM frames f "
                                     "JOIN render_parts p ON p.job = f.job AND p.interval = f.interval AND p.render = ? "
                                     "WHERE f.job = ? AND f.idx >= ? ORDER BY f.idx LIMIT ?",
                                     {render, number, first, count}, on_row));

@@ -49,7 +49,7 @@ class SqliteStore : public Store {
   absl::Status FinishSelfCheck(int64_t task, const SelfCheck& check) override;
   absl::Status FinishPrepare(int64_t task, const JobPlan& plan) override;
   absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) override;
-  absl::Status CompleteTask(int64_t task) override;
+  absl::Status CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled) override;
   absl::Status FailTask(int64_t task, const absl::Status& error, bool retry) override;
   absl::Status ReleaseTask(int64_t task) override;
   absl::Status ReleaseAllTasks() override;

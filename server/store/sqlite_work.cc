@@ -253,12 +253,19 @@ absl::StatusOr<JobRecord> SqliteStore::FinishInterval(int64_t task, int interval
   });
 }
 
-absl::Status SqliteStore::CompleteTask(int64_t task) {
+absl::Status SqliteStore::CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
     RETURN_IF_ERROR(RemoveTask(task));
     if (row.kind == TaskKind::kAssemble) {
       ASSIGN_OR_RETURN(const JobRecord job, ReadJob(row.job));
+      if (assembled) {
+        RETURN_IF_ERROR(database_->Run("UPDATE frames SET assembled = 0 WHERE job = ?", {row.job}));
+        for (const int frame : *assembled) {
+          RETURN_IF_ERROR(
+              database_->Run("UPDATE frames SET assembled = 1 WHERE job = ? AND idx = ?", {row.job, frame}));
+        }
+      }
       if (job.state == JobState::kRunning) return EndJob(row.job, JobState::kSucceeded, absl::OkStatus());
     }
     return SettleJob(row.job);

@@ -119,7 +119,8 @@ class Store {
   virtual absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) = 0;
   // Ends an intervals, render or assemble task whose child ended well. Intervals it left undone go back. When the last
   // interval of a job is computed and rendered the assemble task comes into being; with that the job has kSucceeded.
-  virtual absl::Status CompleteTask(int64_t task) = 0;
+  // `assembled` are the frames that an assemble task has made a file for, if it makes such: FrameRecord::assembled.
+  virtual absl::Status CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled = std::nullopt) = 0;
   // Ends an attempt that went wrong. With `retry` and fewer than `kMaxAttempts` failures the work goes back to be
   // claimed anew; otherwise the job is kFailed (the sequence kInvalid) with `error`, and its other tasks lose their
   // claims.

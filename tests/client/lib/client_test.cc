@@ -328,6 +328,19 @@ TEST_F(FetchTest, AFrameWithoutBytesLeavesNoFile) {
   EXPECT_FALSE(folder_.Has("out/depth/frame2.png"));
 }
 
+// Once said, it is not asked for again; nor does it count as not ready yet, which would make one fetch for ever.
+TEST_F(FetchTest, WhatTheServerHasLostIsAnError) {
+  server_.outputs.lost_frame = 1;
+  EXPECT_THAT(std::string(Fetch().status().message()), HasSubstr("lost"));
+  EXPECT_THAT(server_.outputs.start_frames, ElementsAre(0)) << "it is not asked for again";
+  server_.outputs.lost_frame = -1;
+  server_.outputs.report_is_lost = true;
+  const absl::Status lost = Fetch().status();
+  EXPECT_TRUE(absl::IsDataLoss(lost)) << lost;
+  EXPECT_TRUE(folder_.Has("out/depth/frame2.png"));
+  EXPECT_FALSE(folder_.Has("out/report.json"));
+}
+
 TEST_F(FetchTest, DoesNotMixResults) {
   folder_.Write("out/depth/other.png", "of another result");
   EXPECT_TRUE(absl::IsAlreadyExists(Fetch().status()));

@@ -16,6 +16,8 @@
 #include "depthtween/v1/job.grpc.pb.h"
 #include "depthtween/v1/output.grpc.pb.h"
 #include "depthtween/v1/sequence.grpc.pb.h"
+#include "google/rpc/error_details.pb.h"
+#include "google/rpc/status.pb.h"
 #include "proto/depthtween/crc32c.h"
 
 namespace depthtween::client {
@@ -188,12 +190,14 @@ class FakeOutputs : public v1::OutputService::Service {
     report.set_kind(v1::Output::KIND_FILE);
     report.set_ready(frames_ready == static_cast<int>(frames.size()));
     report.set_file_name("report.json");
+    if (report_is_lost) report.set_ready(false), report.set_lost(true);
     return Status::OK;
   }
   Status StreamFrames(ServerContext*, const v1::StreamFramesRequest* request,
                       grpc::ServerWriter<v1::FrameChunk>* stream) override {
     start_frames.push_back(request->start_frame());
     for (int i = request->start_frame(); i < frames_ready; ++i) {
+      if (i == lost_frame) return Lost();
       // A frame without bytes takes a message too.
       for (size_t offset = 0; offset == 0 || offset < frames[i].size(); offset += kChunk) {
         chunks += 1;
@@ -214,8 +218,17 @@ class FakeOutputs : public v1::OutputService::Service {
     }
     return Status::OK;
   }
+  // As a server says it of what it made and has no more.
+  static Status Lost() {
+    google::rpc::ErrorInfo info;
+    info.set_reason("FILE_LOST");
+    google::rpc::Status details;
+    details.add_details()->PackFrom(info);
+    return {StatusCode::DATA_LOSS, "its file is lost from the server's disk", details.SerializeAsString()};
+  }
   Status ReadOutput(ServerContext*, const v1::ReadOutputRequest* request,
                     grpc::ServerWriter<v1::ReadOutputResponse>* stream) override {
+    if (report_is_lost) return Lost();
     v1::ReadOutputResponse part;
     part.set_offset(request->read_offset());
     part.set_data(report.substr(request->read_offset(), 4));
@@ -230,6 +243,8 @@ class FakeOutputs : public v1::OutputService::Service {
   std::string frame_folder;        // empty: as an earlier server
   std::vector<std::string> stems;  // empty: frame0, frame1, ...
   int frames_ready = 0;
+  int lost_frame = -1;
+  bool report_is_lost = false;
   std::string report = "{\"frames\": 3}";
   int away_at_chunk = 0, damage_at_chunk = 0, chunks = 0;
   std::vector<int> start_frames;

@@ -171,6 +171,55 @@ TEST_F(OutputServiceTest, SceneFlowLeavesWhenTheJobHasSucceeded) {
   EXPECT_EQ(listed().frames_ready(), 6);
 }
 
+// What was made and is gone is lost, not absent: a frame of any output, and a file. The last frame never had scene
+// flow.
+TEST_F(OutputServiceTest, WhatIsLostIsSaidToBeLost) {
+  v1::CreateJobRequest order;
+  order.mutable_job()->set_sequence(ReadySequence().name());
+  order.mutable_job()->mutable_options()->set_scene_flow(true);
+  grpc::ClientContext create_context, list_context, read_context;
+  v1::Job job;
+  ASSERT_THAT(jobs_stub().CreateJob(&create_context, order, &job), Succeeds());
+  ASSERT_EQ(WaitUntilEnded(job.name()).state(), v1::Job::STATE_SUCCEEDED);
+  for (const std::string file : {"sceneflow/000003.npz", "depth/000002.png", "report.json"}) {
+    ASSERT_TRUE(std::filesystem::remove(StoredFile(job, file))) << file;
+  }
+  const auto lost_at = [&](const std::string& output, int start_frame) {
+    v1::StreamFramesRequest stream;
+    stream.set_name(job.name() + "/outputs/" + output);
+    stream.set_start_frame(start_frame);
+    grpc::ClientContext context;
+    const auto reader = outputs_stub().StreamFrames(&context, stream);
+    int next = start_frame;
+    for (v1::FrameChunk chunk; reader->Read(&chunk);) next = chunk.next_frame();
+    const grpc::Status ended = reader->Finish();
+    if (ended.ok()) return -next;
+    EXPECT_THAT(ended, Fails(grpc::DATA_LOSS, "FILE_LOST"));
+    EXPECT_EQ(Detail<google::rpc::ErrorInfo>(ended)->metadata().at("resource"), stream.name());
+    EXPECT_EQ(Detail<google::rpc::ErrorInfo>(ended)->metadata().at("frame"), std::to_string(next));
+    return next;
+  };
+  EXPECT_EQ(lost_at("sceneflow", 0), 3);
+  EXPECT_EQ(lost_at("sceneflow", 4), -6) << "the last frame has none, and that is no loss";
+  EXPECT_EQ(lost_at("depth", 0), 2);
+
+  v1::ListOutputsRequest list;
+  list.set_parent(job.name());
+  v1::ListOutputsResponse outputs;
+  ASSERT_THAT(outputs_stub().ListOutputs(&list_context, list, &outputs), Succeeds());
+  EXPECT_TRUE(outputs.outputs(3).lost());
+  EXPECT_FALSE(outputs.outputs(3).ready());
+  EXPECT_FALSE(outputs.outputs(4).lost());
+  v1::ReadOutputRequest read;
+  read.set_name(outputs.outputs(3).name());
+  const auto reader = outputs_stub().ReadOutput(&read_context, read);
+  v1::ReadOutputResponse part;
+  EXPECT_FALSE(reader->Read(&part));
+  const grpc::Status ended = reader->Finish();
+  EXPECT_THAT(ended, Fails(grpc::DATA_LOSS, "FILE_LOST"));
+  EXPECT_EQ(ended.error_message().find(StoredFile(job, "")), std::string::npos) << "it says no path of the server's";
+}
+
 // What a job of scene flow offers, and that a frame of it leaves as it is stored.
 TEST_F(OutputServiceTest, SceneFlowJobsOfferTheirFormats) {
   v1::CreateJobRequest order;

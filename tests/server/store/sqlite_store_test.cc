@@ -141,6 +141,20 @@ TEST(SqliteStore, JobsFromBeforeChoicesAsPrintedGoOn) {
             printed.literal);
 }
 
+// A file of the schema before assembled frames were recorded: of its frames nobody knows.
+TEST(SqliteStore, FramesFromBeforeTheyWereRecordedStay) {
+  const TemporaryFolder folder;
+  WriteOldFile(folder / "s.sqlite", 8, R"(
+      INSERT INTO intervals (job, idx, first_frame, frame_count, held, done) VALUES (1, 0, 0, 2, 0, 1);
+      INSERT INTO frames (job, idx, time_ns, stem, interval) VALUES (1, 0, 5, 'a', 0), (1, 1, 6, 'b', 0))");
+  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  const std::vector<FrameRecord> frames = Take(store->JobFrames("j", 0, 10));
+  ASSERT_EQ(frames.size(), 2U);
+  EXPECT_EQ(frames[1].stem, "b");
+  EXPECT_TRUE(frames[1].ready);
+  EXPECT_FALSE(frames[1].assembled.has_value());
+}
+
 TEST(SqliteStore, RefusesTheFileOfANewerServer) {
   const TemporaryFolder folder;
   EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());

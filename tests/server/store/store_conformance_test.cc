@@ -732,6 +732,29 @@ TEST_P(StoreConformance, SceneFlowIsPartOfTheOrder) {
   }
 }
 
+// Which frames have a file of what is made at the end is not known before, and of jobs that end without such files
+// never.
+TEST_P(StoreConformance, FramesThatWereAssembledAreRemembered) {
+  const std::string sequence = ReadySequence().id;
+  for (const std::optional<std::vector<int>>& made :
+       {std::optional<std::vector<int>>({0, 2}), std::optional<std::vector<int>>()}) {
+    const std::string id = Take(store().CreateJob({.sequence_id = sequence}, "", false)).id;
+    EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(2)), IsOk());
+    const Task depth = Claim(2);
+    for (const int interval : {0, 1}) EXPECT_THAT(store().FinishInterval(depth.number, interval, 1.0), IsOk());
+    EXPECT_THAT(store().CompleteTask(depth.number), IsOk());
+    for (const FrameRecord& frame : Take(store().JobFrames(id, 0, 10))) EXPECT_FALSE(frame.assembled.has_value());
+    EXPECT_THAT(store().CompleteTask(Claim().number, made), IsOk());
+    EXPECT_EQ(Job(id).state, JobState::kSucceeded);
+    Open();
+    std::vector<std::optional<bool>> assembled;
+    for (const FrameRecord& frame : Take(store().JobFrames(id, 0, 10))) assembled.push_back(frame.assembled);
+    const std::vector<std::optional<bool>> expected =
+        made ? std::vector<std::optional<bool>>{true, false, true, false} : std::vector<std::optional<bool>>(4);
+    EXPECT_EQ(assembled, expected);
+  }
+}
+
 TEST_P(StoreConformance, SceneFlowJobsSurviveReopening) {
   const std::string sequence = ReadySequence().id;
   const SceneFlowOptions asked = {.method = "pd-flow", .formats = {"npz", "flo"}, .every = 3, .baseline_m = 0.54};
