@@ -124,10 +124,10 @@ TEST(TaskProtocol, APlanTellsTheClock) {
 
 TEST(TaskProtocol, SelfChecksAreChecked) {
   const auto check = [](const std::string& completeness, const std::string& stem, int maps_held_out = 2) {
-    return ReadSelfCheck(
-        R"({"summary":"s","maps_checked":2,"maps_held_out":)" + std::to_string(maps_held_out) +
-        R"(,"pixels":5,"seconds":1,"methods":[{"name":"ours","rmse_mm":7,"mae_mm":5,"completeness":)" + completeness +
-        R"(}],"worst_frames":[{"frame":3,"stem":")" + stem + R"(","time_ns":7,"rmse_mm":8}]})");
+    return ReadSelfCheck(R"({"summary":"s","maps_checked":2,"maps_held_out":)" + std::to_string(maps_held_out) +
+                         R"(,"pixels":5,"seconds":1,"methods":[{"name":"ours","rmse_mm":7,"mae_mm":5,"completeness":)" +
+                         completeness + R"(}],"worst_frames":[{"frame":3,"stem":")" + stem +
+                         R"(","time_ns":7,"rmse_mm":8}]})");
   };
   const SelfCheck good = Take(check("0.5", "000003"));
   EXPECT_EQ(good.methods[0].completeness, 0.5);
