@@ -105,7 +105,9 @@ void Errands::Work(const std::stop_token& stop) {
     }
     if (state->stop.stop_requested()) continue;  // nobody waits for it any more
     const std::stop_callback server_stops(stop, [&state] { state->stop.request_stop(); });
-    state->Answer(RunOne(state->order, state->stop.get_token()));
+    absl::StatusOr<std::string> answer = RunOne(state->order, state->stop.get_token());
+    if (!answer.ok()) answer = directory_.WithoutPath(answer.status());
+    state->Answer(std::move(answer));
   }
 }
 

@@ -441,7 +441,9 @@ absl::Status Manager::OnInterval(const Task& task, const PlannedInterval& interv
 
 absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome) {
   if (outcome.stopped) return store_.ReleaseTask(task.number);
-  if (!outcome.error.ok()) return store_.FailTask(task.number, outcome.error, outcome.retry);
+  if (!outcome.error.ok()) {
+    return store_.FailTask(task.number, directory_.WithoutPath(outcome.error), outcome.retry);
+  }
   switch (task.kind) {
     case TaskKind::kValidate:
       return store_.FinishValidation(task.number, *outcome.validation);

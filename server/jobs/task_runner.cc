@@ -256,6 +256,7 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
       absl::StatusOr<ValidationResult> result = ParseValidation(*answer);
       if (!result.ok()) return failed(result.status());
       LimitViolations(*result);
+      for (FileViolation& violation : result->violations) violation.status = directory_.WithoutPath(violation.status);
       outcome.validation = *std::move(result);
       return outcome;
     }

@@ -11,6 +11,7 @@
 #include "server/rpc/frame_encoding.h"
 #include "server/rpc/status.h"
 #include "server/store/error_info.h"
+#include "server/telemetry/log.h"
 
 namespace depthtween::server {
 namespace {
@@ -141,7 +142,10 @@ absl::Status FrameStream::Load(const FrameRecord& frame) {
     if (!has_none) return FileLost(request_.name(), frame.index);
     stored = std::string();
   }
-  RETURN_IF_ERROR(stored.status());
+  if (!stored.ok()) {
+    LogError("cannot read a frame", {{"error", std::string(stored.status().message())}});
+    return absl::Status(stored.status().code(), absl::StrFormat("frame %d cannot be read", frame.index));
+  }
   const bool metric = output_->kind == OutputKind::kDepth || output_->kind == OutputKind::kUncertainty;
   const double units_per_metre = metric ? job_.recording.depth_scale : 0.0;
   absl::StatusOr<std::string> bytes = EncodeFrame(*std::move(stored), *output_, encoding_, units_per_metre);

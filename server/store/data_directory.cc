@@ -12,6 +12,7 @@
 #include <string>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/str_replace.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 
@@ -30,7 +31,8 @@ std::string ReadShortFile(int fd) {
 
 absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::string& path) {
   std::error_code error;
-  const std::string absolute = fs::absolute(path, error).lexically_normal();
+  std::string absolute = fs::absolute(path, error).lexically_normal();
+  while (absolute.size() > 1 && absolute.back() == '/') absolute.pop_back();
   for (const char* folder : {"", "/sequences", "/jobs", "/tasks", "/trash"}) {
     fs::create_directories(absolute + folder, error);
     if (error) return ErrnoStatus(error.value(), "create the data folder " + absolute + folder);
@@ -69,6 +71,13 @@ DataDirectory::~DataDirectory() {
   sweeper_.request_stop();
   sweeper_.join();
   close(lock_fd_);
+}
+
+absl::Status DataDirectory::WithoutPath(const absl::Status& status) const {
+  if (status.ok()) return status;
+  absl::Status told(status.code(), absl::StrReplaceAll(status.message(), {{path_ + "/", ""}}));
+  status.ForEachPayload([&told](absl::string_view type, const absl::Cord& payload) { told.SetPayload(type, payload); });
+  return told;
 }
 
 std::string DataDirectory::Join(std::string_view kind, std::string_view id) const {

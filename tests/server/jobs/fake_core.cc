@@ -139,7 +139,7 @@ void ComputeInterval(int interval) {
       Die(SIGSEGV);
     }
   }
-  if (Says("error_at", interval)) FailWith(script["error_at"].rest, "as the script says");
+  if (Says("error_at", interval)) FailWith(script["error_at"].rest, "as the script says in " + sequence + "/script");
   if (Says("quit_at", interval)) exit(0);
   while (Says("wait_at", interval) && access((sequence + "/go").c_str(), F_OK) != 0) usleep(1000);
   if (Says("fill_at", interval)) {

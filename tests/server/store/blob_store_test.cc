@@ -72,6 +72,18 @@ TEST(DataDirectory, BelongsToOneProcess) {
   EXPECT_THAT(DataDirectory::Open(folder / "data"), IsOk());
 }
 
+// What was said with the status stays with it.
+TEST(DataDirectory, KeepsItsPlaceToItself) {
+  const TemporaryFolder folder;
+  const auto directory = Take(DataDirectory::Open(folder / "data/"));
+  EXPECT_EQ(directory->path(), folder / "data");
+  const absl::Status told = directory->WithoutPath(
+      BadField("f", absl::StrCat(directory->OutFolder("7"), "/a: is not ", directory->TaskFolder(3), "/b")));
+  EXPECT_EQ(told.message(), "jobs/7/out/a: is not tasks/3/b");
+  EXPECT_THAT(told, HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(directory->WithoutPath(absl::OkStatus()), IsOk());
+}
+
 TEST(DataDirectory, SweepsWhatAnEarlierProcessDiscarded) {
   const TemporaryFolder folder;
   WriteText(folder / "data/trash/old/file", "x");
