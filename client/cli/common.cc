@@ -54,7 +54,7 @@ absl::StatusOr<std::string> JobName(const std::string& argument) {
 
 int Report(const absl::Status& status) {
   if (status.ok()) return kExitOk;
-  std::cerr << "depthtween: " << status.message() << std::endl;
+  std::cerr << "depthtween: " << PrintableLines(std::string(status.message())) << std::endl;
   return absl::IsUnavailable(status) ? kExitUnreachable : kExitFailed;
 }
 
@@ -64,7 +64,7 @@ int ReportOutcome(const v1::Job& job) {
     case v1::Job::STATE_SUCCEEDED:
       return kExitOk;
     case v1::Job::STATE_FAILED:
-      std::cerr << "depthtween: " << job.name() << " failed: " << outcome.message() << " ("
+      std::cerr << "depthtween: " << job.name() << " failed: " << PrintableLines(std::string(outcome.message())) << " ("
                 << absl::StatusCodeToString(outcome.code()) << ")" << std::endl;
       return kExitJobFailed;
     case v1::Job::STATE_CANCELLED:
@@ -97,6 +97,13 @@ std::string StateName(v1::Sequence::State state) {
 std::string Printable(std::string text) {
   for (char& c : text) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
+  return text;
+}
+
+std::string PrintableLines(std::string text) {
+  for (char& c : text) {
+    if ((static_cast<unsigned char>(c) < 0x20 && c != '\n') || c == 0x7f) c = '?';
   }
   return text;
 }

@@ -46,6 +46,8 @@ std::string StateName(v1::Sequence::State state);
 
 // Text from the server without the control characters that it may hold: they must not reach the terminal.
 std::string Printable(std::string text);
+// The same of a text that may have several lines.
+std::string PrintableLines(std::string text);
 
 // "17 B", "1.4 MB": powers of 1000.
 std::string FormatBytes(int64_t bytes);

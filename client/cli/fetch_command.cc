@@ -20,12 +20,6 @@ struct FetchOptions {
   bool force = false;
 };
 
-absl::StatusOr<v1::Job> GetJob(client::Connection& connection, const std::string& name) {
-  v1::GetJobRequest request;
-  request.set_name(name);
-  return connection.Call(connection.jobs(), &v1::JobService::StubInterface::GetJob, request);
-}
-
 int Fetch(const FetchOptions& options) {
   const absl::StatusOr<std::string> name = JobName(options.job);
   if (!name.ok()) return Report(name.status());
@@ -35,7 +29,7 @@ int Fetch(const FetchOptions& options) {
       FetchWithProgressLine(**connection, *name, options.output, {.follow = options.follow, .replace = options.force});
   // Aborted: the job that was followed ended without success; the job itself says how.
   if (!fetched.ok() && !absl::IsAborted(fetched.status())) return Report(fetched.status());
-  const absl::StatusOr<v1::Job> job = GetJob(**connection, *name);
+  const absl::StatusOr<v1::Job> job = client::GetJob(**connection, *name);
   if (!job.ok()) return Report(job.status());
   if (options.common.json) {
     nlohmann::json json = {{"job", ToJson(*job)}, {"directory", options.output}};

@@ -88,6 +88,13 @@ std::string DescribeClock(const v1::ClockEstimate& estimate) {
 
 }  // namespace
 
+std::string DescribeFailure(const v1::Job& job) {
+  if (job.state() != v1::Job::STATE_FAILED) return "";
+  const absl::Status outcome = client::Outcome(job);
+  return absl::StrCat("it failed: ", PrintableLines(std::string(outcome.message())), " (",
+                      absl::StatusCodeToString(outcome.code()), ")\n");
+}
+
 std::string DescribeOptions(const v1::Job& job) {
   std::vector<std::string> flags;
   const auto list = [&](const char* flag, const auto& names) {

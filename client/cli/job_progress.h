@@ -12,6 +12,9 @@ namespace depthtween::cli {
 // "frame 17 of 66, interval 2 of 8, picture 8 of 132, flow, 0:04 left", "queued, 2 jobs ahead", "succeeded, 66 frames".
 std::string DescribeProgress(const v1::Job& job);
 
+// Why a job FAILED, in one line; empty if it did not.
+std::string DescribeFailure(const v1::Job& job);
+
 // What was asked for beyond the defaults, as flags of `depthtween submit` or `sceneflow`, in one line; empty if nothing
 // was.
 std::string DescribeOptions(const v1::Job& job);

@@ -127,9 +127,7 @@ int Render(const RenderCommand& command) {
   if (command.frame >= 0) return Report(RenderOneFrame(**connection, command, *name, renders->front()));
 
   if (const absl::Status free = CheckFree(command.output, command.force); !free.ok()) return Report(free);
-  v1::GetJobRequest get;
-  get.set_name(*name);
-  absl::StatusOr<v1::Job> job = (*connection)->Call((*connection)->jobs(), &v1::JobService::StubInterface::GetJob, get);
+  absl::StatusOr<v1::Job> job = client::GetJob(**connection, *name);
   if (!job.ok()) return Report(job.status());
   v1::Job order;
   order.set_display_name(job->display_name());

@@ -6,6 +6,7 @@
 #include "client/cli/common.h"
 #include "client/cli/exit_codes.h"
 #include "client/cli/job_progress.h"
+#include "client/lib/jobs.h"
 
 namespace depthtween::cli {
 namespace {
@@ -34,16 +35,13 @@ int Status(const StatusOptions& options) {
   if (!name.ok()) return Report(name.status());
   const auto connection = Connect(options.common);
   if (!connection.ok()) return Report(connection.status());
-  v1::GetJobRequest request;
-  request.set_name(*name);
-  const absl::StatusOr<v1::Job> job =
-      (*connection)->Call((*connection)->jobs(), &v1::JobService::StubInterface::GetJob, request);
+  const absl::StatusOr<v1::Job> job = client::GetJob(**connection, *name);
   if (!job.ok()) return Report(job.status());
   if (options.common.json) {
     PrintJson(ToJson(*job));
   } else {
     std::cout << job->name() << ": " << DescribeProgress(*job) << "\n"
-              << DescribeOptions(*job) << DescribeMeasured(*job) << std::flush;
+              << DescribeFailure(*job) << DescribeOptions(*job) << DescribeMeasured(*job) << std::flush;
   }
   return kExitOk;
 }

@@ -60,13 +60,14 @@ absl::StatusOr<v1::Sequence> ValidateWithProgress(client::Connection& connection
 // Prints what the server found. Returns the exit code of a recording that is not READY.
 int ReportRejected(const v1::Sequence& sequence) {
   for (const v1::FileViolation& violation : sequence.violations()) {
-    std::cerr << "depthtween: " << violation.file() << ": " << violation.status().message() << "\n";
+    std::cerr << "depthtween: " << Printable(violation.file()) << ": " << PrintableLines(violation.status().message())
+              << "\n";
   }
   if (sequence.violations_size() > 0) {
     std::cerr << "depthtween: the server rejects this recording; mend the files above and submit it again" << std::endl;
     return kExitInputRejected;
   }
-  std::cerr << "depthtween: the server could not check this recording: " << sequence.error().message()
+  std::cerr << "depthtween: the server could not check this recording: " << PrintableLines(sequence.error().message())
             << ". When that is mended, 'depthtween delete " << sequence.name() << "' and submit it again" << std::endl;
   return kExitFailed;
 }
@@ -121,7 +122,9 @@ int Submit(const SubmissionOptions& options, v1::Job order, SubmitResult& result
   if (!sequence.ok()) return Report(sequence.status());
   result.sequence = *sequence;
   if (sequence->state() != v1::Sequence::STATE_READY) return ReportRejected(*sequence);
-  for (const std::string& warning : sequence->warnings()) std::cerr << "depthtween: warning: " << warning << std::endl;
+  for (const std::string& warning : sequence->warnings()) {
+    std::cerr << "depthtween: warning: " << PrintableLines(warning) << std::endl;
+  }
 
   order.set_display_name(local->display_name);
   order.set_sequence(sequence->name());

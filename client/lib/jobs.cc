@@ -94,6 +94,12 @@ absl::Status Outcome(const v1::Job& job) {
   }
 }
 
+absl::StatusOr<v1::Job> GetJob(Connection& connection, const std::string& name) {
+  v1::GetJobRequest request;
+  request.set_name(name);
+  return connection.Call(connection.jobs(), &Jobs::GetJob, request);
+}
+
 absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job) {
   v1::CreateJobRequest create;
   *create.mutable_job() = job;
@@ -105,9 +111,7 @@ absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job) {
   absl::StatusOr<v1::Job> retried = connection.Call(connection.jobs(), &Jobs::RetryJob, retry);
   if (!absl::IsFailedPrecondition(retried.status())) return retried;
   // A try of this call may have got through and its answer been lost: then the job is queued already.
-  v1::GetJobRequest get;
-  get.set_name(made.name());
-  ASSIGN_OR_RETURN(made, connection.Call(connection.jobs(), &Jobs::GetJob, get));
+  ASSIGN_OR_RETURN(made, GetJob(connection, made.name()));
   if (made.state() == v1::Job::STATE_FAILED || made.state() == v1::Job::STATE_CANCELLED) return retried.status();
   return made;
 }
@@ -133,9 +137,7 @@ absl::StatusOr<v1::Job> WatchJob(Connection& connection, const std::string& name
     if (!HasEnded(job.state()) && !backoff.Wait(status)) return status;
   }
   // Events carry no times; the job itself has its end_time.
-  v1::GetJobRequest get;
-  get.set_name(name);
-  return connection.Call(connection.jobs(), &Jobs::GetJob, get);
+  return GetJob(connection, name);
 }
 
 }  // namespace depthtween::client

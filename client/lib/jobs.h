@@ -15,6 +15,8 @@ bool HasEnded(v1::Job::State state);
 // OK for a job that SUCCEEDED; its error if it FAILED; Cancelled; FailedPrecondition while it has not ended.
 absl::Status Outcome(const v1::Job& job);
 
+absl::StatusOr<v1::Job> GetJob(Connection& connection, const std::string& name);
+
 // Queues the job, or finds the one that the same sequence and options made before. One that FAILED or was CANCELLED is
 // queued again, and keeps the intervals it has finished.
 absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job);

@@ -60,6 +60,22 @@ TEST(DescribeProgress, SaysWhatWasMeasuredAndNoMore) {
   EXPECT_EQ(DescribeProgress(job), "pair 17 of 66, flow");
 }
 
+TEST(DescribeFailure, SaysWhyAndNothingToTheTerminal) {
+  v1::Job job;
+  EXPECT_EQ(DescribeFailure(job), "");
+  job.set_state(v1::Job::STATE_FAILED);
+  job.mutable_error()->set_code(static_cast<int>(absl::StatusCode::kDataLoss));
+  job.mutable_error()->set_message("a\nb\x1b[2J");
+  EXPECT_EQ(DescribeFailure(job), "it failed: a\nb?[2J (DATA_LOSS)\n");
+}
+
+// A server's words are shown, its control characters are not.
+TEST(Report, KeepsControlCharactersFromTheTerminal) {
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(Report(absl::DataLossError("one\ntwo\x1b]0;title\x07")), 1);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "depthtween: one\ntwo?]0;title?\n");
+}
+
 // What one would have to type to ask for the same; nothing for what is the default.
 TEST(DescribeOptions, AreTheFlagsOfTheOrder) {
   v1::Job job;
