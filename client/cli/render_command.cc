@@ -12,6 +12,7 @@
 #include "client/cli/job_progress.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/render_flags.h"
+#include "client/cli/render_places.h"
 #include "client/lib/fetch.h"
 #include "client/lib/files.h"
 #include "client/lib/jobs.h"
@@ -72,16 +73,10 @@ absl::Status RenderOneFrame(client::Connection& connection, const RenderCommand&
   return client::WriteFile(command.output, frame.bytes);
 }
 
-// The video named `file` by the server, beside OUT: "out.mp4" gets what the server put between name and extension.
-std::string VideoPath(const std::string& output, const std::string& render, const std::string& file) {
-  const std::string ending = file.substr(std::min(file.size(), render.size()));
-  if (absl::EndsWith(output, ending)) return output;
-  return absl::StrCat(output.substr(0, output.size() - std::string(".mp4").size()), ending);
-}
-
 // Brings home what the render of a job left. The files written.
 absl::StatusOr<std::vector<std::string>> FetchRender(client::Connection& connection, const RenderCommand& command,
                                                      const v1::Job& job) {
+  if (job.renders_size() != 1) return absl::DataLossError(absl::StrCat(job.name(), " came back without its render"));
   ASSIGN_OR_RETURN(const v1::ListOutputsResponse outputs, client::ListOutputs(connection, job.name()));
   const std::string& name = job.renders(0).name();
   const std::string prefix = absl::StrCat(job.name(), "/outputs/", name);
@@ -90,15 +85,13 @@ absl::StatusOr<std::vector<std::string>> FetchRender(client::Connection& connect
     if (!absl::StartsWith(output.name(), prefix)) continue;
     if (IsVideo(command.output)) {
       if (output.kind() != v1::Output::KIND_FILE) continue;
-      written.push_back(VideoPath(command.output, name, output.file_name()));
+      ASSIGN_OR_RETURN(written.emplace_back(), VideoPlace(command.output, name, output));
       RETURN_IF_ERROR(CheckFree(written.back(), command.force));
       RETURN_IF_ERROR(client::FetchFile(connection, output.name(), written.back()).status());
       continue;
     }
     if (output.kind() != v1::Output::KIND_FRAMES) continue;
-    // One stream lies in OUT itself, those of two eyes in OUT/left and OUT/right.
-    const std::string eye = output.name().substr(prefix.size());
-    const std::string folder = eye.empty() ? command.output : absl::StrCat(command.output, "/", eye.substr(1));
+    ASSIGN_OR_RETURN(const std::string folder, PictureFolder(command.output, name, output));
     RETURN_IF_ERROR(CheckFree(folder, command.force));
     RETURN_IF_ERROR(client::MakeFolder(folder));
     written.push_back(folder);
