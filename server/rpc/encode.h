@@ -4,6 +4,8 @@
 #ifndef DEPTHTWEEN_SERVER_RPC_ENCODE_H_
 #define DEPTHTWEEN_SERVER_RPC_ENCODE_H_
 
+#include <cstddef>
+#include <functional>
 #include <string>
 #include <string_view>
 
@@ -48,6 +50,19 @@ absl::StatusOr<SequenceFilter> ParseSequenceFilter(std::string_view filter);
 absl::StatusOr<JobFilter> ParseJobFilter(std::string_view filter);
 // 0 means 50; more than `max_size` means `max_size`.
 absl::StatusOr<PageRequest> ParsePage(int page_size, std::string_view page_token, int max_size);
+
+inline constexpr size_t kMaxPageBytes = 3 << 20;  // clients take 4 MiB by default
+// Fills `response` by `fill`, which adds the items of a page and its next_page_token; with fewer items than asked for,
+// as every list may give, when they would be more than a client takes. One item goes whatever its size.
+template <typename Response>
+absl::Status FillPage(PageRequest page, Response* response,
+                      const std::function<absl::Status(const PageRequest& page)>& fill) {
+  for (;; page.size /= 2) {
+    RETURN_IF_ERROR(fill(page));
+    if (page.size == 1 || response->ByteSizeLong() <= kMaxPageBytes) return absl::OkStatus();
+    response->Clear();
+  }
+}
 
 // ---- values ----
 

@@ -100,10 +100,12 @@ class JobService : public v1::JobService::CallbackService {
       ASSIGN_OR_RETURN(const JobFilter filter, ParseJobFilter(request->filter()));
       ASSIGN_OR_RETURN(const PageRequest page,
                        ParsePage(request->page_size(), request->page_token(), limits_.max_page_size));
-      ASSIGN_OR_RETURN(const Page<JobView> views, jobs_.List(filter, page));
-      for (const JobView& view : views.items) *response->add_jobs() = Encode(view);
-      response->set_next_page_token(views.next_token);
-      return absl::OkStatus();
+      return FillPage(page, response, [&](const PageRequest& some) -> absl::Status {
+        ASSIGN_OR_RETURN(const Page<JobView> views, jobs_.List(filter, some));
+        for (const JobView& view : views.items) *response->add_jobs() = Encode(view);
+        response->set_next_page_token(views.next_token);
+        return absl::OkStatus();
+      });
     });
   }
 

@@ -16,8 +16,6 @@ namespace {
 using grpc::CallbackServerContext;
 using grpc::ServerUnaryReactor;
 
-constexpr size_t kMaxPageBytes = 3 << 20;  // clients take 4 MiB by default
-
 absl::StatusOr<std::vector<UploadFile>> DecodeFiles(const v1::Upload& upload) {
   std::vector<UploadFile> files;
   files.reserve(upload.files_size());
@@ -62,16 +60,14 @@ class SequenceService : public v1::SequenceService::CallbackService {
                                     v1::ListSequencesResponse* response) override {
     return runtime_.Unary(context, "ListSequences", "", [=, this]() -> absl::Status {
       ASSIGN_OR_RETURN(const SequenceFilter filter, ParseSequenceFilter(request->filter()));
-      ASSIGN_OR_RETURN(PageRequest page, ParsePage(request->page_size(), request->page_token(), limits_.max_page_size));
-      while (true) {
-        ASSIGN_OR_RETURN(const Page<SequenceRecord> records, sequences_.List(filter, page));
+      ASSIGN_OR_RETURN(const PageRequest page,
+                       ParsePage(request->page_size(), request->page_token(), limits_.max_page_size));
+      return FillPage(page, response, [&](const PageRequest& some) -> absl::Status {
+        ASSIGN_OR_RETURN(const Page<SequenceRecord> records, sequences_.List(filter, some));
         for (const SequenceRecord& record : records.items) *response->add_sequences() = EncodeWithProgress(record);
         response->set_next_page_token(records.next_token);
-        // Violations can make a page larger than a client takes: a shorter page then, as every list may give.
-        if (response->ByteSizeLong() <= kMaxPageBytes || page.size == 1) return absl::OkStatus();
-        response->Clear();
-        page.size /= 2;
-      }
+        return absl::OkStatus();
+      });
     });
   }
 

@@ -6,6 +6,7 @@
 //   crash_at I TIMES   dies by SIGSEGV when it begins interval I, the first TIMES times
 //   crash_validate     dies by SIGABRT in validate
 //   error_at I CODE    reports that error when it begins interval I
+//   babble_at I        reports an error of 50,000 characters when it begins interval I
 //   wait_at I          waits at interval I until the sequence folder has a file "go"
 //   ignore_term        ignores SIGTERM, and so does a process that it starts and leaves behind
 //   fill_at I          writes a file of 1 MiB at interval I, reporting RESOURCE_EXHAUSTED if it cannot
@@ -140,6 +141,7 @@ void ComputeInterval(int interval) {
     }
   }
   if (Says("error_at", interval)) FailWith(script["error_at"].rest, "as the script says in " + sequence + "/script");
+  if (Says("babble_at", interval)) FailWith("FAILED_PRECONDITION", std::string(50'000, 'x'));
   if (Says("quit_at", interval)) exit(0);
   while (Says("wait_at", interval) && access((sequence + "/go").c_str(), F_OK) != 0) usleep(1000);
   if (Says("fill_at", interval)) {

@@ -321,6 +321,31 @@ TEST_F(JobServiceTest, ListsByStateAndSequence) {
   EXPECT_EQ(list.jobs_size(), 0);
 }
 
+// Of jobs that have much to say fewer come at once: a list that no client can take would hide them all.
+TEST_F(JobServiceTest, APageIsNoLargerThanAClientTakes) {
+  constexpr int kJobs = 48;
+  const v1::Sequence sequence = ReadySequence("babble_at 0");
+  std::vector<std::string> names;
+  for (int i = 0; i < kJobs; ++i) names.push_back(CreateJob(sequence).name());
+  for (const std::string& name : names) EXPECT_EQ(WaitUntilEnded(name).state(), v1::Job::STATE_FAILED);
+  size_t bytes = 0;
+  int pages = 0;
+  std::vector<std::string> listed;
+  v1::ListJobsRequest request;
+  do {
+    grpc::ClientContext context;
+    v1::ListJobsResponse list;
+    ASSERT_THAT(jobs_stub().ListJobs(&context, request, &list), Succeeds());
+    bytes += list.ByteSizeLong();
+    ++pages;
+    for (const v1::Job& job : list.jobs()) listed.insert(listed.begin(), job.name());
+    request.set_page_token(list.next_page_token());
+  } while (!request.page_token().empty());
+  EXPECT_GT(bytes, size_t{4} << 20) << "else this tests nothing";
+  EXPECT_GT(pages, 1);
+  EXPECT_EQ(listed, names);
+}
+
 // API.md: first a snapshot, then numbered deltas; the last event says how the job ended.
 TEST_F(JobServiceTest, WatchTellsEveryChangeOnce) {
   const v1::Sequence sequence = ReadySequence("wait_at 0");
