@@ -120,6 +120,7 @@ absl::Status Serve(const ServeOptions& options) {
 
   const int signal_number = stop_signals.Wait();
   LogInfo("stopping", {{"signal", strsignal(signal_number)}});
+  jobs->StopErrands();  // calls that wait for a process must not outlast the patience
   server->Stop(kStopPatience);
   return absl::OkStatus();  // the destructors end the children and close the store
 }

@@ -63,9 +63,19 @@ Errands::Errands(DataDirectory& directory, const ErrandOptions& options) : direc
 }
 
 Errands::~Errands() {
-  for (std::jthread& thread : threads_) thread.request_stop();
+  Stop();
   threads_.clear();
-  for (const auto& state : waiting_) state->Answer(absl::CancelledError("the server is stopping"));
+}
+
+void Errands::Stop() {
+  for (std::jthread& thread : threads_) thread.request_stop();
+  std::deque<std::shared_ptr<Errand::State>> waiting;
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+    waiting.swap(waiting_);
+  }
+  for (const auto& state : waiting) state->Answer(ServerStopping());
 }
 
 absl::StatusOr<std::unique_ptr<Errand>> Errands::Start(const ErrandOrder& order, std::function<void()> on_done) {
@@ -74,12 +84,11 @@ absl::StatusOr<std::unique_ptr<Errand>> Errands::Start(const ErrandOrder& order,
   state->on_done = std::move(on_done);
   {
     const std::lock_guard lock(mutex_);
+    if (stopping_) return ServerStopping();
     std::erase_if(waiting_, [](const auto& other) { return other->stop.stop_requested(); });
     if (static_cast<int>(waiting_.size()) >= options_.max_waiting) {
-      return WithErrorInfo(
-          absl::ResourceExhaustedError(absl::StrFormat(
-              "%d calls wait for a process of their own, the server takes no more at a time", waiting_.size())),
-          {.reason = "SERVER_BUSY", .metadata = {}});
+      return ServerBusy(absl::StrFormat("%d calls wait for a process of their own, the server takes no more at a time",
+                                        waiting_.size()));
     }
     waiting_.push_back(state);
   }
@@ -106,6 +115,7 @@ void Errands::Work(const std::stop_token& stop) {
     if (state->stop.stop_requested()) continue;  // nobody waits for it any more
     const std::stop_callback server_stops(stop, [&state] { state->stop.request_stop(); });
     absl::StatusOr<std::string> answer = RunOne(state->order, state->stop.get_token());
+    if (absl::IsCancelled(answer.status()) && stop.stop_requested()) answer = ServerStopping();
     if (!answer.ok()) answer = directory_.WithoutPath(answer.status());
     state->Answer(std::move(answer));
   }

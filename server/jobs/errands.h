@@ -60,9 +60,12 @@ class Errands {
  public:
   // Borrows `directory`.
   Errands(DataDirectory& directory, const ErrandOptions& options);
-  // Stops what runs; nothing that waits is begun.
+  // As Stop, and waits until nothing runs any more.
   ~Errands();
 
+  // Ends what runs and what waits, and refuses what is ordered later: all are answered Unavailable (SERVER_STOPPING).
+  // Returns at once.
+  void Stop();
   // ResourceExhausted (SERVER_BUSY) when too many wait. `on_done` may be empty.
   absl::StatusOr<std::unique_ptr<Errand>> Start(const ErrandOrder& order, std::function<void()> on_done);
   // Start, and wait for the answer.
@@ -77,6 +80,7 @@ class Errands {
   std::mutex mutex_;
   std::condition_variable_any changed_;
   std::deque<std::shared_ptr<Errand::State>> waiting_;  // guarded by mutex_
+  bool stopping_ = false;                               // guarded by mutex_
   std::vector<std::jthread> threads_;                   // last: they use all of the above
 };
 

@@ -100,6 +100,10 @@ class Manager : public JobManager {
   std::string OutputFile(std::string_view id, const OutputSpec& output) const override;
   absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(std::string_view id, const FrameRenderOrder& order,
                                                       std::function<void()> on_done) override;
+  void StopErrands() override {
+    planning_.Stop();
+    errands_.Stop();
+  }
   ValidationProgress GetValidationProgress(std::string_view sequence_id) override;
   int workers() const override { return options_.workers; }
 

@@ -126,6 +126,10 @@ class JobManager {
   virtual absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(std::string_view id, const FrameRenderOrder& order,
                                                               std::function<void()> on_done) = 0;
 
+  // Before the calls of a server are ended: orders that are being planned and frames that are being rendered are
+  // answered Unavailable (SERVER_STOPPING), at once, and so are later ones.
+  virtual void StopErrands() = 0;
+
   virtual ValidationProgress GetValidationProgress(std::string_view sequence_id) = 0;
   // How many tasks run at the same time.
   virtual int workers() const = 0;

@@ -126,14 +126,4 @@ absl::Status InvalidField(std::string_view field, std::string_view why) {
   return BadField(field, absl::StrCat(std::string(field), " ", std::string(why)));
 }
 
-absl::Status ServerStopping() {
-  return WithErrorInfo(
-      absl::UnavailableError("the server is stopping; what is finished is kept, try again when it is back"),
-      {.reason = "SERVER_STOPPING", .metadata = {}});
-}
-
-absl::Status ServerBusy(std::string_view why) {
-  return WithErrorInfo(absl::ResourceExhaustedError(std::string(why)), {.reason = "SERVER_BUSY", .metadata = {}});
-}
-
 }  // namespace depthtween::server

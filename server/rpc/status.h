@@ -24,6 +24,7 @@
 
 #include "core/base/status.h"
 #include "google/rpc/status.pb.h"
+#include "server/store/error_info.h"
 
 namespace depthtween::server {
 
@@ -42,10 +43,6 @@ grpc::Status ToGrpcStatus(const absl::Status& status, const CallNames& names = {
 
 // BadField of store/error_info.h with the message "field why".
 absl::Status InvalidField(std::string_view field, std::string_view why);
-// Unavailable (SERVER_STOPPING).
-absl::Status ServerStopping();
-// ResourceExhausted (SERVER_BUSY): the client may try again soon.
-absl::Status ServerBusy(std::string_view why);
 
 }  // namespace depthtween::server
 

@@ -48,6 +48,16 @@ absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_
       {.reason = "LIMIT_EXCEEDED", .metadata = {{"limit", std::string(limit)}, {"maximum", absl::StrCat(maximum)}}});
 }
 
+absl::Status ServerStopping() {
+  return WithErrorInfo(
+      absl::UnavailableError("the server is stopping; what is finished is kept, try again when it is back"),
+      {.reason = "SERVER_STOPPING"});
+}
+
+absl::Status ServerBusy(std::string_view why) {
+  return WithErrorInfo(absl::ResourceExhaustedError(View(why)), {.reason = "SERVER_BUSY"});
+}
+
 absl::Status FileLost(std::string_view output, int frame) {
   ErrorInfo info = {.reason = "FILE_LOST", .metadata = {{"resource", std::string(output)}}};
   if (frame >= 0) info.metadata["frame"] = absl::StrCat(frame);

@@ -29,6 +29,7 @@ namespace depthtween::server {
 //   NO_SUCH_FRAME          OutOfRange           frame_count
 //   FILE_LOST              DataLoss             resource (the output), and frame of one that is made of frames
 //   SERVER_BUSY            ResourceExhausted
+//   SERVER_STOPPING        Unavailable
 //   NO_SUCH_RESOURCE       NotFound             resource ("sequences/...", "jobs/...")
 struct ErrorInfo {
   std::string reason;
@@ -46,6 +47,9 @@ absl::Status NoSuchResource(std::string_view resource);
 absl::Status WrongState(std::string_view state, std::string_view message);
 absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_view message);
 absl::Status DiskFull(std::string_view message);
+absl::Status ServerStopping();
+// The client may try again soon.
+absl::Status ServerBusy(std::string_view why);
 // Of an output that was made; `frame` < 0: it is one file.
 absl::Status FileLost(std::string_view output, int frame = -1);
 

@@ -18,6 +18,7 @@
 //   wait_check         self-check waits until the sequence folder has a file "go"
 //   no_check           self-check says that nothing can be measured
 //   wait_flow N        assemble waits before it makes scene flow of frame N until the sequence folder has a file "go"
+//   slow_plan          plan logs "start PID" and waits until it is killed
 //   no_pairs           plan finds no depth for colour frames that scene flow needs
 // It appends "start PID\n", "check 1\n", "interval I\n" and "render I\n" to the file "log" of the sequence folder.
 //
@@ -184,6 +185,10 @@ std::map<std::string, std::string> RenderNames(const std::string& text) {
 }
 
 void Plan() {
+  if (script.count("slow_plan") > 0) {
+    Append(options["--sequence"] + "/log", "start " + std::to_string(getpid()) + "\n");
+    while (true) pause();
+  }
   if (script.count("no_pairs") > 0 && ReadFile(options["--options"]).find(R"("sceneflow")") != std::string::npos)
     FailWith("FAILED_PRECONDITION", "rates differ");
   std::string plans;

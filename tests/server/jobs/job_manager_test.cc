@@ -565,6 +565,26 @@ TEST_F(JobManagerTest, OrdersDoNotWaitForPictures) {
   EXPECT_THAT(jobs_->Create({.sequence_id = sequence, .renders = {{.options = kDof}}}, "", false), IsOk());
 }
 
+// A server that stops does not wait for what its calls wait for: one that runs, one that waits, one that comes later.
+TEST_F(JobManagerTest, StoppingEndsWhatCallsWaitFor) {
+  Start();
+  const std::string sequence = ReadySequence("slow_plan\n");
+  const NewJob order = {.sequence_id = sequence, .renders = {{.options = kDof}}};
+  absl::Status planned[2];
+  {
+    std::vector<std::jthread> calls;
+    for (absl::Status& status : planned) {
+      calls.emplace_back([&] { status = jobs_->Create(order, "", false).status(); });
+    }
+    WaitUntil([&] { return Logged(sequence, "start").size() == 1; });
+    jobs_->StopErrands();
+  }
+  for (const absl::Status& status : planned) {
+    EXPECT_THAT(status, HasReason(absl::StatusCode::kUnavailable, "SERVER_STOPPING"));
+  }
+  EXPECT_THAT(jobs_->Create(order, "", false), HasReason(absl::StatusCode::kUnavailable, "SERVER_STOPPING"));
+}
+
 // ---- watching ----
 
 // A watcher as the RPC layer is one: it waits to be told, then takes what there is.
