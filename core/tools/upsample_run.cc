@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/baselines/baselines.h"
+#include "core/io/file.h"
 #include "core/tools/render_options.h"
 #include "core/tools/scene_flow_files.h"
 #include "core/tools/write_queue.h"
@@ -247,6 +248,7 @@ json ToJson(const IntervalReport& report) {
   return {{"interval", report.index},
           {"seconds", report.seconds},
           {"frames", report.summary.frames},
+          {"motion_frames", report.motion_frames},
           {"termination", report.summary.termination},
           {"stages", report.summary.stage_seconds}};
 }
@@ -257,7 +259,8 @@ absl::StatusOr<IntervalReport> ParseIntervalReport(std::string_view text) {
                           .seconds = value.at("seconds").get<double>(),
                           .summary = {.termination = value.at("termination").get<std::string>(),
                                       .frames = value.at("frames").get<int>(),
-                                      .stage_seconds = value.at("stages").get<std::map<std::string, double>>()}};
+                                      .stage_seconds = value.at("stages").get<std::map<std::string, double>>()},
+                          .motion_frames = value.value("motion_frames", -1)};
   });
 }
 
@@ -275,12 +278,13 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
                              .stop = stop,
                              .want_motion = options.NeedsMotion(),
                              .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
+    IntervalReport report{.index = i, .motion_frames = 0};
     const auto sink = [&](DepthResult result) -> absl::Status {
       if (stop.stop_requested()) return absl::CancelledError("stopped");
       const int frame = result.color_index;
+      report.motion_frames += result.motion_next.empty() ? 0 : 1;
       return queue.Add(frame, [&writer, result = std::move(result)] { return writer.Write(result); });
     };
-    IntervalReport report{.index = i};
     ASSIGN_OR_RETURN(report.summary, upsampler.Run(source, plan.constants, plan.intervals[i], context, sink));
     const auto computed = Clock::now();
     RETURN_IF_ERROR(queue.Finish());
@@ -293,6 +297,27 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
   }
   return reports;
 }
+
+namespace {
+
+// Scene flow takes a frame without motion for one that has none to give, so that what is lost would go unnoticed.
+absl::Status CheckMotion(const std::string& dir, const Sequence& sequence, const ClipPlan& plan,
+                         const std::vector<IntervalReport>& reports) {
+  for (const IntervalReport& report : reports) {
+    const Interval& interval = plan.intervals[report.index];
+    int there = 0;
+    for (int i = interval.first_frame; i < interval.first_frame + interval.frame_count; ++i)
+      there += FileExists(JoinPath(dir, ResultMotionName(sequence.color[i].Stem()))) ? 1 : 0;
+    if (there < report.motion_frames)
+      return absl::DataLossError(absl::StrFormat(
+          "interval %d: the motion of %d frames was written, and that of %d is there: the other files are "
+          "lost, compute the clip again",
+          report.index, report.motion_frames, there));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
 
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
                             const ClipPlan& plan, const std::vector<IntervalReport>& reports, json renders,
@@ -332,6 +357,7 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
                  {"warnings", plan.constants.warnings},
                  {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}};
   if (options.scene_flow) {
+    RETURN_IF_ERROR(CheckMotion(writer.dir(), sequence, plan, reports));
     ASSIGN_OR_RETURN(report["scene_flow_frames"], AddSceneFlow(writer.dir(), sequence, plan.constants, options.threads,
                                                                context.stop, context.on_scene_flow));
   }

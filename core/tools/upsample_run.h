@@ -85,6 +85,7 @@ struct IntervalReport {
   int index = -1;
   double seconds = 0.0;  // wall time, writing included; stages add "write", what was left to wait for
   IntervalSummary summary;
+  int motion_frames = -1;  // frames whose motion was written; -1: nobody counted
 };
 
 nlohmann::json ToJson(const IntervalReport& report);
@@ -118,7 +119,8 @@ struct AssemblyContext {
 // Ends a result: adds scene flow if that was asked for, lists its frames and writes report.json. `reports` are those of
 // all intervals, in any order; `sequence_dir` is where the input came from, for those who look at the result later on
 // the same machine, or empty; `renders` is a JSON list of what was rendered from it, `self_check` the JSON form of a
-// SelfCheck, or null. FailedPrecondition names an interval or frame that is missing; Cancelled when `context.stop`
+// SelfCheck, or null. FailedPrecondition names an interval or frame that is missing, DataLoss an interval that
+// has less motion than was written, when scene flow is made from it; Cancelled when `context.stop`
 // fires.
 absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
                             const ClipPlan& plan, const std::vector<IntervalReport>& reports, nlohmann::json renders,

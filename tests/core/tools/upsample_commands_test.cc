@@ -256,6 +256,12 @@ TEST(TaskCommand, AssembleTellsHowFarSceneFlowIs) {
   EXPECT_EQ(stages(), std::vector<std::string>(expected.end() - 2, expected.end()));
   EXPECT_EQ(FilesBelow(task.out + "/sceneflow"), whole);
   EXPECT_EQ(json::parse(ReadFile(task.out + "/report.json").value()).at("scene_flow_frames"), 8);
+
+  // Motion that is lost meanwhile is not taken for a frame that has none.
+  fs::remove(task.out + "/motion/000003.npz");
+  const ToolResult lost = task.Run("assemble");
+  EXPECT_EQ(lost.exit_code, 1);
+  EXPECT_THAT(lost.err, HasSubstr("interval 1: the motion of 8 frames was written, and that of 7 is there"));
 }
 
 // What a server makes may go anywhere: it says nothing of where the server keeps things, and whoever looks at it beside
