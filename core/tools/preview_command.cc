@@ -143,7 +143,9 @@ void AddPreviewCommand(CLI::App& app, int* exit_code) {
   command->add_option("-o,--out", arguments->file, "Picture (.png) or video (.mp4) to write")
       ->required()
       ->type_name("FILE");
-  command->add_option("--sequence", arguments->sequence, "The recording, if it is no longer where upsample read it")
+  command
+      ->add_option("--sequence", arguments->sequence,
+                   "The recording, if it is no longer where upsample read it, or if a server did")
       ->type_name("SEQ");
   command->add_option("--frame", arguments->frame, "Show the interval with this frame [the middle one]")
       ->check(CLI::NonNegativeNumber)

@@ -247,7 +247,9 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
   command->add_option("-o,--out", arguments->out, "Video (.mp4, .mkv) or folder to write")
       ->required()
       ->type_name("OUT");
-  command->add_option("--sequence", arguments->sequence, "The recording, if it is no longer where upsample read it")
+  command
+      ->add_option("--sequence", arguments->sequence,
+                   "The recording, if it is no longer where upsample read it, or if a server did")
       ->type_name("SEQ");
   command->add_option("--frames", arguments->frame_format, "Of a folder: png (default) or jpeg")->type_name("FORMAT");
   command->add_option("--threads", arguments->upsample.threads, "Threads to use; the result does not depend on it")
