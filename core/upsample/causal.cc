@@ -16,6 +16,7 @@
 #include "core/upsample/motion_options.h"
 #include "core/upsample/stage_runner.h"
 #include "core/upsample/thin_motion.h"
+#include "core/upsample/uncertainty.h"
 
 namespace depthtween {
 namespace {
@@ -329,7 +330,7 @@ class CausalRun {
                              ahead_s;
         const float limited = std::clamp(change, -kSameSurface * z, kSameSurface * z);
         z += limited;
-        fused.spread_m(x, y) = std::abs(limited);
+        fused.change_m(x, y) = limited;
       }
   }
 
@@ -377,7 +378,7 @@ class CausalRun {
     DepthResult result{
         .color_index = frame.index,
         .depth_m = MedianNearJumps(frame.fused, frame.color, witnesses, options_.median_radius, noise_, threads)};
-    result.sigma_m = PredictSigma(result.depth_m, frame.fused, noise_, threads);
+    result.sigma_m = PredictSigma(result.depth_m, frame.fused, noise_, kAfterKey, threads);
     result.provenance = frame.fused.provenance.Clone();
     if (frame.index == key_.color_index) MarkMeasured(key_, result.provenance);
     return result;

@@ -1,4 +1,4 @@
-// One depth per target pixel from what the two keys say, and how sure it is.
+// One depth per target pixel from what the two keys say.
 //
 // Shapes:   all images W x H.  Units: metres; tau in [0, 1].
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_FUSE_H_
@@ -12,9 +12,14 @@
 
 namespace depthtween {
 
+// A match worse by this, in sRGB units, has 1/e of the confidence.
+constexpr float kCostScale = 4.0F;
+// Answers further apart than this share of the depth are about two surfaces.
+constexpr float kOneSurface = 0.20F;
+
 struct Fused {
   Image<float> depth_m;     // 0 = unknown
-  Image<float> spread_m;    // how far apart the two keys' answers lie; 0 where only one answers
+  Image<float> change_m;    // from the first key's answer to the second one's; 0 where only one answers
   Image<float> confidence;  // of the vote in the weighted median, 0..1
   Image<Provenance> provenance;
   Image<uint8_t> confirmed;  // 1 where both keys measured it and agree: no vote of neighbours can know better
@@ -29,11 +34,6 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads);
 Image<float> MedianNearJumps(const Fused& fused, ImageView<const Rgb8> color,
                              const std::vector<MedianWitness>& witnesses, int radius, const DepthNoise& noise,
                              int threads);
-
-// Predicted standard deviation of each depth (metres, 0 where depth is unknown): the sensor's noise, what the two keys
-// disagree by, the mismatch, and at silhouettes the chance to have taken the wrong side. `depth_m` may have been
-// settled since it was fused.
-Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, const DepthNoise& noise, int threads);
 
 }  // namespace depthtween
 

@@ -22,6 +22,7 @@
 #include "core/upsample/silhouettes.h"
 #include "core/upsample/stage_runner.h"
 #include "core/upsample/thin_motion.h"
+#include "core/upsample/uncertainty.h"
 
 namespace depthtween {
 namespace {
@@ -416,7 +417,7 @@ class IntervalRun {
   DepthResult ResultOf(int i) {
     const int frame = FrameInWindow(i);
     DepthResult result{.color_index = interval_.first_frame + i, .depth_m = std::move(settled_[i])};
-    result.sigma_m = PredictSigma(result.depth_m, fused_[i], noise_, context_.threads);
+    result.sigma_m = PredictSigma(result.depth_m, fused_[i], noise_, kBetweenKeys, context_.threads);
     result.provenance = fused_[i].provenance.Clone();
     for (int side = 0; side < 2; ++side)
       if (KeyInWindow(side) == frame) MarkMeasured(keys_[side], result.provenance);

@@ -8,6 +8,7 @@
 #include "core/upsample/keys.h"
 #include "core/upsample/match.h"
 #include "core/upsample/pipeline.h"
+#include "core/upsample/uncertainty.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/upsample/rendered_clip.h"
@@ -119,24 +120,47 @@ TEST(MatchPatch, InterpolatesBetweenPixels) {
   EXPECT_NEAR(patch.CostAt(image, 19.25F, 10), 3.0F, 0.01F);
 }
 
-// On a flat wall that matches perfectly less than the sensor's noise is left, for keys are denoised; where the keys
-// contradict each other by 10 cm, a part of it is what one may be wrong by; where one key saw it, and where none did,
-// it is less sure.
+// Two keys' answers about a wall that comes nearer by 3 cm, each with noise: the motion counts for nothing, the noise
+// does, and the more of it the recording has. On top, what one pixel's answers differ by beyond that, and that one key
+// or none saw it.
 TEST(PredictSigma, GrowsWithWhatSpeaksAgainstADepth) {
-  const auto filled = [](auto value) { return Image(9, 3, value); };
-  const Image<float> depth = filled(2.0F);
-  Fused fused{depth.Clone(), filled(0.0F), filled(1.0F), filled(Provenance::kBoth), filled(uint8_t{0})};
-  fused.spread_m(4, 1) = 0.1F;
-  fused.provenance(2, 1) = Provenance::kOne;
-  fused.provenance(7, 1) = Provenance::kInferred;
+  const auto sigma_with = [](float noise_m) {
+    const auto filled = [](auto value) { return Image(60, 40, value); };
+    const Image<float> depth = filled(2.0F);
+    Fused fused{depth.Clone(), filled(-0.03F), filled(1.0F), filled(Provenance::kBoth), filled(uint8_t{0})};
+    std::mt19937 random(2);
+    for (size_t p = 0; p < fused.change_m.pixel_count(); ++p)
+      fused.change_m.data()[p] += std::normal_distribution<float>(0, noise_m)(random);
+    fused.change_m(30, 20) = -0.13F;  // 10 cm more
+    fused.change_m(10, 10) = fused.change_m(11, 10) = fused.change_m(12, 10) = -0.03F;
+    fused.provenance(11, 10) = Provenance::kOne;
+    fused.provenance(12, 10) = Provenance::kInferred;
+    return PredictSigma(depth, fused, DepthNoise{}, kBetweenKeys, 2);
+  };
+  const Image<float> sigma = sigma_with(0.002F);
+  EXPECT_GT(sigma(10, 10), 0.001F);
+  EXPECT_LT(sigma(10, 10), 0.01F);
+  EXPECT_GT(sigma(30, 20), 0.03F);
+  EXPECT_LT(sigma(30, 20), 0.1F);
+  EXPECT_GT(sigma(11, 10), 2 * sigma(10, 10));
+  EXPECT_GT(sigma(12, 10), 1.5F * sigma(11, 10));
+  EXPECT_NEAR(sigma_with(0.006F)(10, 10) / sigma(10, 10), 3.0F, 0.6F);
+}
+
+// Beside a jump the wrong side is what one may be wrong by; where nothing tells how the keys differ, the
+// sensor's noise is assumed.
+TEST(PredictSigma, IsTheStepAtASilhouetteAndTheNoiseWhereNothingElseTells) {
+  Image<float> depth(40, 40, 2.0F);
+  for (int y = 0; y < 40; ++y)
+    for (int x = 20; x < 40; ++x) depth(x, y) = 3.0F;
+  const auto filled = [](auto value) { return Image(40, 40, value); };
+  const Fused fused{depth.Clone(), filled(0.0F), filled(1.0F), filled(Provenance::kBoth), filled(uint8_t{0})};
   const DepthNoise noise;
-  const Image<float> sigma = PredictSigma(depth, fused, noise, 1);
-  EXPECT_LT(sigma(1, 1), noise.At(2.0F));
-  EXPECT_GT(sigma(1, 1), 0.25F * noise.At(2.0F));
-  EXPECT_GT(sigma(4, 1), 0.03F);
-  EXPECT_LT(sigma(4, 1), 0.1F);
-  EXPECT_GT(sigma(2, 1), 2 * sigma(1, 1));
-  EXPECT_GT(sigma(7, 1), 2 * sigma(2, 1));
+  const Image<float> sigma = PredictSigma(depth, fused, noise, kBetweenKeys, 1);
+  EXPECT_GT(sigma(19, 20), 0.1F);
+  EXPECT_LT(sigma(19, 20), 0.3F);
+  EXPECT_GT(sigma(5, 20), noise.At(2.0F));
+  EXPECT_LT(sigma(5, 20), 1.5F * noise.At(2.0F));
 }
 
 // The noise put into a flat wall is the noise found, and the median depth is the wall's.
