@@ -414,6 +414,14 @@ absl::StatusOr<ClockEstimate> EstimateClock(const FrameSource& source, const Syn
     estimate.reason =
         absl::StrFormat("too little moves: stamps would be corrected to +-%.3g ms, and half a colour frame is %.3g ms",
                         1e-6 * estimate.stamp_sigma_ns, 0.5 * color_ms);
+  // A camera has read one frame when it begins the next. Edges that seem to say otherwise are not where things moved.
+  const double least_readout_ms = 1e-6 * (sequence.camera.height - 1) *
+                                  (std::abs(estimate.row_time_ns) - kSignificant * estimate.row_time_sigma_ns);
+  if (estimate.reason.empty() && least_readout_ms > color_ms)
+    estimate.reason = absl::StrFormat(
+        "too little moves: the images would say that a colour frame takes at least %.3g ms to be read, and the next "
+        "one comes after %.3g ms",
+        least_readout_ms, color_ms);
   return estimate;
 }
 
