@@ -41,6 +41,8 @@ Key LocateKey(const Sequence& sequence, int depth_index) {
   if (distance > kCoincident * step && distance > kJitterSigmas * jitter) {
     key.fraction = static_cast<float>(distance / step);
     key.toward = neighbour;
+  } else {
+    key.time_ns = color[nearest].time_ns;
   }
   return key;
 }

@@ -13,7 +13,7 @@
 namespace depthtween {
 
 struct Key {
-  int64_t time_ns = 0;   // the depth frame's own stamp
+  int64_t time_ns = 0;   // the depth frame's own stamp; where it coincides with the colour frame, that one's
   int color_index = -1;  // the colour frame nearest to it in time, into Sequence::color
   // How far the depth frame lies from that colour frame, in steps to its neighbour `toward` (index; -1 when it
   // coincides).

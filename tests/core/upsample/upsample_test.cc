@@ -214,7 +214,10 @@ TEST(LocateKey, GivesTheNearestColourFrameAndTheRest) {
   EXPECT_EQ(LocateKey(regular, 2).toward, 2);
   EXPECT_NEAR(LocateKey(regular, 2).fraction, 0.4, 1e-6);
   const Sequence wandering = Clip({0, 0.13, 0.19, 0.32, 0.39, 0.52}, {0.01, 0.14, 0.22, 0.33});
+  // Jitter explains the distance: both were taken at one time, and the colour frame's stamp is that time.
   EXPECT_EQ(LocateKey(wandering, 0).toward, -1);
+  EXPECT_EQ(LocateKey(wandering, 0).time_ns, 0);
+  EXPECT_EQ(between.time_ns, regular.depth[1].time_ns);
 }
 
 // A depth frame taken half a step after its colour frame is pulled back along the flow by half of it.
