@@ -39,6 +39,8 @@ constexpr char kRatioBaseline[] = "flow-warp";  // the strongest of the baseline
 // What a strip shows beside ours, of what was run: the strongest baseline, and the one that the paper compares with.
 constexpr const char* kStripBaselines[] = {"flow-warp", "dolson"};
 constexpr int kStripFrames = 3;
+// The parts that look for better motion than the flow's; the others settle depth.
+constexpr const char* kBetterMotion[] = {"recover", "thin", "draw", "solve", "propagation"};
 constexpr char kTimedScene[] = "kick";
 constexpr int kTimedFrames = 17;  // two intervals: the one timed has a depth frame beyond it to settle keys by
 constexpr int kYardstickFlows = 16;
@@ -318,6 +320,16 @@ class Run {
       RETURN_IF_ERROR(without.SwitchOff(part));
       variants.push_back({.name = part, .upsampler = MakePipeline(without)});
     }
+    // What is left with the flow's motion alone.
+    PipelineOptions flow_alone = Preset();
+    std::vector<std::string> left_out;
+    for (const char* part : kBetterMotion) {
+      if (!flow_alone.Uses(part)) continue;
+      RETURN_IF_ERROR(flow_alone.SwitchOff(part));
+      left_out.emplace_back(part);
+    }
+    if (left_out.size() > 1)
+      variants.push_back({.name = absl::StrJoin(left_out, " + "), .upsampler = MakePipeline(flow_alone)});
     ASSIGN_OR_RETURN(clip.ablation, Score(folder, clip.key_every, variants, clip.name + ", ablation"));
     return absl::OkStatus();
   }

@@ -1,7 +1,8 @@
 // The tables by which the pipeline is judged, on the library's own scenes and on any sequence folders.
 //
 //   depth       ours beside the baselines, by region, with its uncertainty
-//   ablation    what each part that the preset uses is worth: of PartNames(), switched off one by one
+//   ablation    what each part that the preset uses is worth: of PartNames(), switched off one by one;
+//               last, all that look for better motion than the flow's, together
 //   parameters  PipelineParameters() over their ranges
 //   ratio       1 to 4 times as many colour frames per depth frame, by dropping keys; scored on the same frames
 //   sceneflow   3-D motion between two RGB-D frames: ours beside re-implemented baselines
@@ -64,7 +65,7 @@ struct ClipBenchmark {
   int key_every = 1;
   std::optional<ClipScores> depth;     // ours, then the baselines
   Image<Rgb8> strip;                   // with `depth`: frames in mid-interval, errors of the methods (DrawErrorStrip)
-  std::optional<ClipScores> ablation;  // ours, then ours without each part that the preset uses
+  std::optional<ClipScores> ablation;  // ours, then without each part that the preset uses, then all for motion
   struct Parameter {
     std::string name;
     double preset_value = 0.0;

@@ -300,7 +300,8 @@ class Report {
     };
 
     std::string text =
-        "\n## Ablation\n\nHow much larger an error is without the part, in percent: above zero, the part helps.\n";
+        "\n## Ablation\n\nHow much larger an error is without the part, in percent: above zero, the part helps. "
+        "The last row leaves the flow's motion alone.\n";
     BarPlot plot{.title = "RMSE without a part", .y_title = "more than with all parts, %", .groups = parts};
     for (const ClipKind kind : kKinds) {
       const std::vector<const ClipBenchmark*> clips = Clips(kind, has);

@@ -101,9 +101,10 @@ TEST_F(BenchmarkTest, RunsTheTablesAskedForAndNoOther) {
   EXPECT_GT(clip.depth->score.methods[0].uncertainty.pixels, 0);
   EXPECT_EQ(clip.depth->score.methods[1].uncertainty.pixels, 0);
   EXPECT_EQ(clip.ablation->score.methods.size(),
-            1 + static_cast<size_t>(std::count_if(PartNames().begin(), PartNames().end(), [](const std::string& part) {
+            2 + static_cast<size_t>(std::count_if(PartNames().begin(), PartNames().end(), [](const std::string& part) {
               return PipelineOptions{}.Uses(part);
             })));
+  EXPECT_EQ(clip.ablation->score.methods.back().name, "recover + thin + propagation");
   ASSERT_EQ(clip.parameters.size(), PipelineParameters().size());
   for (size_t p = 0; p < clip.parameters.size(); ++p) {
     bool at_preset = false;
