@@ -2,15 +2,27 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/base/parallel.h"
 
 namespace depthtween {
 namespace {
 
-constexpr float kAgree = 0.05F;        // share of depth: one surface, seen twice
-constexpr float kEqualCost = 2.0F;     // sRGB units
-constexpr float kTimeCost = 1.0F;      // what the far end of the interval costs the far key, sRGB units
+constexpr float kAgree = 0.05F;     // share of depth: one surface, seen twice
+constexpr float kEqualCost = 2.0F;  // sRGB units
+constexpr float kTimeCost = 1.0F;   // what the far end of the interval costs the far key, sRGB units
+// Neighbours that tell how a surface moves in depth: so far away at most, one in so many pixels each way. So many of
+// them at least must lie in the pixel's layer.
+constexpr int kReach = 15, kStride = 5, kFewest = 5;
+// A change that three in four neighbours share within this share of depth is that of their surface, not of another
+// one's, unless one match is worse by more than the cost, sRGB units.
+constexpr float kShared = 0.025F, kSharedCost = 8.0F;
+// The changes of neighbours about whom the keys agree count by their mean if they deviate by less than this share of
+// depth from it ...
+constexpr float kSteady = 0.015F;
+// ... and differ from none by so many deviations of that mean.
+constexpr float kTelling = 4.0F;
 constexpr float kSeenDistance = 1.5F;  // a key pixel nearer than this to a measurement counts as seen
 
 // Far from everything where there is no key.
@@ -22,6 +34,81 @@ float DistanceAt(const Key* key, int x, int y, Flow2 m) {
   return key->distance.Contains(nx, ny) ? key->distance(nx, ny) : kFar;
 }
 
+// How the keys' answers change, from the first to the second, around a pixel in the layer of what one of them says
+// there.
+struct SurfaceChange {
+  bool shared = false;  // the pixel's own change is that of most neighbours
+  float mean_m = 0;     // of neighbours about whom the keys agree; 0 where that tells nothing
+};
+SurfaceChange ChangeAround(const Choice& choice, int x, int y, int side, const DepthNoise& noise) {
+  const Image<float>& z0 = choice.sides[0].depth_m;
+  const Image<float>& z1 = choice.sides[1].depth_m;
+  const float here = choice.sides[side].depth_m(x, y);
+  const bool two = z0(x, y) > 0 && z1(x, y) > 0;
+  const float change = z1(x, y) - z0(x, y);
+  int count = 0, like = 0, agreeing = 0;
+  float sum = 0, squares = 0;
+  for (int ny = y - kReach; ny <= y + kReach; ny += kStride)
+    for (int nx = x - kReach; nx <= x + kReach; nx += kStride) {
+      if (!z0.Contains(nx, ny)) continue;
+      const float a = z0(nx, ny), b = z1(nx, ny), nearer = std::min(a, b), d = b - a;
+      if (nearer <= 0 || std::abs(d) > kOneSurface * nearer || !SameLayer(side == 0 ? a : b, here, noise)) continue;
+      ++count;
+      like += two && std::abs(d - change) <= kShared * here;
+      if (std::abs(d) <= kAgree * nearer) ++agreeing, sum += d, squares += d * d;
+    }
+  SurfaceChange result{.shared = count >= kFewest && 4 * like >= 3 * count};
+  if (agreeing >= kFewest) {
+    const float mean = sum / static_cast<float>(agreeing);
+    const float variance = squares / static_cast<float>(agreeing) - mean * mean;
+    if (variance <= kSteady * kSteady * here * here &&
+        mean * mean * static_cast<float>(agreeing) > kTelling * kTelling * variance)
+      result.mean_m = mean;
+  }
+  return result;
+}
+
+// The mean changes of surfaces on a grid of pixels, for the pixels between them that lie in the same layer.
+class ChangeGrid {
+ public:
+  ChangeGrid(const Choice& choice, const DepthNoise& noise, int threads)
+      : noise_(noise),
+        before_m_(choice.uncertain.width() / kCell + 1, choice.uncertain.height() / kCell + 1),
+        mean_m_(before_m_.width(), before_m_.height()) {
+    const Image<float>& z0 = choice.sides[0].depth_m;
+    const Image<float>& z1 = choice.sides[1].depth_m;
+    ParallelFor(mean_m_.height(), threads, [&](int row) {
+      const int y = std::min(z0.height() - 1, row * kCell + kCell / 2);
+      for (int column = 0; column < mean_m_.width(); ++column) {
+        const int x = std::min(z0.width() - 1, column * kCell + kCell / 2);
+        const float a = z0(x, y), b = z1(x, y);
+        if (a <= 0 || b <= 0 || std::abs(b - a) > kAgree * std::min(a, b)) continue;
+        before_m_(column, row) = a;
+        mean_m_(column, row) = ChangeAround(choice, x, y, 0, noise).mean_m;
+      }
+    });
+  }
+
+  // 0 where no surface of the layer is near.
+  float At(int x, int y, float before_m) const {
+    const int column = x / kCell, row = y / kCell;
+    for (const auto& [dx, dy] : kOwnThenNeighbours)
+      if (before_m_.Contains(column + dx, row + dy)) {
+        const float there = before_m_(column + dx, row + dy);
+        if (there > 0 && SameLayer(there, before_m, noise_)) return mean_m_(column + dx, row + dy);
+      }
+    return 0;
+  }
+
+ private:
+  static constexpr int kCell = 8;
+  static constexpr std::pair<int, int> kOwnThenNeighbours[] = {{0, 0},   {-1, 0}, {1, 0},  {0, -1}, {0, 1},
+                                                               {-1, -1}, {1, -1}, {-1, 1}, {1, 1}};
+  const DepthNoise noise_;
+  Image<float> before_m_;  // what the first key says at the grid's pixels; 0 where the keys do not agree
+  Image<float> mean_m_;
+};
+
 }  // namespace
 
 Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
@@ -29,6 +116,7 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
   const float tau = std::clamp(input.tau, 0.0F, 1.0F);
   Fused out{Image<float>(width, height), Image<float>(width, height), Image<float>(width, height),
             Image<Provenance>(width, height), Image<uint8_t>(width, height)};
+  const ChangeGrid changes(choice, input.noise, threads);
   ParallelRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < width; ++x) {
@@ -46,7 +134,9 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
         if (nearer > 0 && gap <= kAgree * nearer) {
           const float w0 = (1 - tau + 0.01F) * fit0, w1 = (tau + 0.01F) * fit1;
           out.confirmed(x, y) = distance0 == 0 && distance1 == 0;
-          out.depth_m(x, y) = w0 + w1 > 0 ? (w0 * z0 + w1 * z1) / (w0 + w1) : (1 - tau) * z0 + tau * z1;
+          const float change = changes.At(x, y, z0);
+          const float now0 = z0 + tau * change, now1 = z1 - (1 - tau) * change;
+          out.depth_m(x, y) = w0 + w1 > 0 ? (w0 * now0 + w1 * now1) / (w0 + w1) : (1 - tau) * z0 + tau * z1;
           out.provenance(x, y) = seen0 && seen1   ? Provenance::kBoth
                                  : seen0 || seen1 ? Provenance::kOne
                                                   : Provenance::kInferred;
@@ -56,7 +146,11 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
                                  : seen0 || seen1 ? Provenance::kOne
                                                   : Provenance::kInferred;
         } else {
-          out.depth_m(x, y) = first ? z0 : z1;
+          const SurfaceChange around = ChangeAround(choice, x, y, first ? 0 : 1, input.noise);
+          if (around.shared && gap <= kOneSurface * nearer && std::abs(c0 - c1) <= kSharedCost)
+            out.depth_m(x, y) = (1 - tau) * z0 + tau * z1;
+          else
+            out.depth_m(x, y) = first ? z0 + tau * around.mean_m : z1 - (1 - tau) * around.mean_m;
           out.provenance(x, y) = (first ? seen0 : seen1) ? Provenance::kOne : Provenance::kInferred;
         }
         out.confidence(x, y) = (first ? fit0 : fit1) + 1e-3F;

@@ -25,8 +25,10 @@ struct Fused {
   Image<uint8_t> confirmed;  // 1 where both keys measured it and agree: no vote of neighbours can know better
 };
 
-// Where the sides agree: their mean, weighted by match and closeness in time. Where they differ moderately and match
-// equally well: the surface moved in depth, linear in time. Otherwise: the better match. With one side: what it says.
+// Where the sides agree: their mean, weighted by match and closeness in time, after each has gone its share of the way
+// that the surface moves in depth, linear in time, as neighbours in its layer tell it. Where they differ moderately and
+// match equally well, or neighbours change alike: linear in time. Otherwise: the better match, going that way. With one
+// side: what it says.
 Fused Fuse(const ChooseInput& input, const Choice& choice, int threads);
 
 // Fused depth, near jumps settled by the median along colour of `radius` pixels (0: left as it is), in which other

@@ -120,6 +120,42 @@ TEST(MatchPatch, InterpolatesBetweenPixels) {
   EXPECT_NEAR(patch.CostAt(image, 19.25F, 10), 3.0F, 0.01F);
 }
 
+// What two keys say half-way between them about a wall that is 2 m away in the first and `change_m` farther in the
+// second, whose colours match worse.
+struct WallBetweenKeys {
+  static constexpr int kSide = 60;
+  explicit WallBetweenKeys(float change_m) {
+    for (Key& key : keys) key.distance = Image<float>(kSide, kSide);
+    for (SideChoice& side : choice.sides)
+      side = {Image<Flow2>(kSide, kSide), Image<float>(kSide, kSide), Image<float>(kSide, kSide, 2.0F)};
+    choice.uncertain = Image<uint8_t>(kSide, kSide);
+    choice.sides[1].depth_m = Image<float>(kSide, kSide, 2.0F + change_m);
+    choice.sides[1].cost = Image<float>(kSide, kSide, 6.0F);
+  }
+  Image<float> FusedDepth() const {
+    return Fuse({.keys = {&keys[0], &keys[1]}, .tau = 0.5F, .noise = {}}, choice, 2).depth_m;
+  }
+  Key keys[2];
+  Choice choice;
+};
+
+// Depth goes with the surface, linear in time, however much better one key matches; so does what one key saw alone.
+TEST(Fuse, GoesWithASurfaceThatMovesInDepth) {
+  WallBetweenKeys wall(0.06F);
+  for (int x = 28; x < 32; ++x) wall.choice.sides[1].depth_m(x, 30) = 0;
+  const Image<float> depth = wall.FusedDepth();
+  EXPECT_NEAR(depth(10, 10), 2.03F, 1e-3F);
+  EXPECT_NEAR(depth(30, 30), 2.03F, 1e-3F);
+  EXPECT_NEAR(WallBetweenKeys(0.2F).FusedDepth()(10, 10), 2.1F, 1e-3F);
+}
+
+// A few pixels whose answers differ while all around stands still are two surfaces: the better match.
+TEST(Fuse, TakesTheBetterMatchWhereNeighboursDoNotMove) {
+  WallBetweenKeys wall(0.0F);
+  for (int x = 28; x < 32; ++x) wall.choice.sides[1].depth_m(x, 30) = 2.3F;
+  EXPECT_EQ(wall.FusedDepth()(30, 30), 2.0F);
+}
+
 // Two keys' answers about a wall that comes nearer by 3 cm, each with noise: the motion counts for nothing, the noise
 // does, and the more of it the recording has. On top, what one pixel's answers differ by beyond that, and that one key
 // or none saw it.
