@@ -25,7 +25,7 @@ struct SigmaWeights {
 
 // The weights under which errors are likeliest (as of a normal distribution) over five scenes of the library, three
 // rendered sequences and three recordings, of which each had the same say, the recordings together as much as the rest.
-// Each left out in turn was predicted about as well: tests/bench/RESULTS.md.
+// What they give on each: tests/bench/RESULTS.md.
 inline constexpr SigmaWeights kBetweenKeys{.unrest = 1.2F,
                                            .unrest_per_cost = 0.21F,
                                            .one_surface = 0.66F,
