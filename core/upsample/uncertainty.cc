@@ -59,13 +59,13 @@ class LocalChanges {
   // Linear between the middles of cells, so that no cell is to be seen.
   void ReadRow(int y, Row& row) const {
     row.mean_m.resize(width_), row.deviation_m.resize(width_);
-    const auto [top, bottom, down] = Between(y, down_);
+    const Place down = Between(y, down_);
     for (int x = 0; x < width_; ++x) {
-      const auto [left, right, across] = Between(x, across_);
+      const Place across = Between(x, across_);
       const auto read = [&](const Image<float>& from) {
-        const float above = from(left, top) + across * (from(right, top) - from(left, top));
-        const float below = from(left, bottom) + across * (from(right, bottom) - from(left, bottom));
-        return above + down * (below - above);
+        const auto mix = [](float first, float second, float share) { return first + share * (second - first); };
+        return mix(mix(from(across.first, down.first), from(across.second, down.first), across.share),
+                   mix(from(across.first, down.second), from(across.second, down.second), across.share), down.share);
       };
       row.mean_m[x] = read(mean_m_), row.deviation_m[x] = read(deviation_m_);
     }
