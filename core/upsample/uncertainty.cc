@@ -26,7 +26,9 @@ class LocalChanges {
     std::vector<float> mean_m, deviation_m;  // a value a pixel
   };
 
-  LocalChanges(ImageView<const float> depth_m, ImageView<const float> change_m, const DepthNoise& noise, int threads)
+  // Pixels near jumps, which may be of the wrong side, do not count.
+  LocalChanges(ImageView<const float> depth_m, ImageView<const float> change_m, ImageView<const uint8_t> near_jump,
+               const DepthNoise& noise, int threads)
       : width_(depth_m.width()),
         across_((depth_m.width() + kCell - 1) / kCell),
         down_((depth_m.height() + kCell - 1) / kCell),
@@ -34,14 +36,14 @@ class LocalChanges {
         deviation_m_(across_, down_) {
     const auto in_cell = [&](const Image<float>& of_cells, int x, int y) { return of_cells(x / kCell, y / kCell); };
     Image<float> sum(across_, down_), count(across_, down_);
-    ForAnswers(depth_m, change_m, threads, [&](int x, int y, float change, float) {
+    ForAnswers(depth_m, change_m, near_jump, threads, [&](int x, int y, float change, float) {
       sum(x / kCell, y / kCell) += change, ++count(x / kCell, y / kCell);
     });
     sum = Around(sum), count = Around(count);
     for (size_t i = 0; i < sum.pixel_count(); ++i)
       if (count.data()[i] > 0) mean_m_.data()[i] = sum.data()[i] / count.data()[i];
     Image<float> squares(across_, down_);
-    ForAnswers(depth_m, change_m, threads, [&](int x, int y, float change, float z) {
+    ForAnswers(depth_m, change_m, near_jump, threads, [&](int x, int y, float change, float z) {
       // Deviations wider than a layer are of another surface, and count as much as the widest.
       const float deviation = std::min(std::abs(change - in_cell(mean_m_, x, y)), WidestGap(z, noise));
       squares(x / kCell, y / kCell) += deviation * deviation;
@@ -85,15 +87,16 @@ class LocalChanges {
 
   // Calls body(x, y, change, depth) where both keys speak of one surface; a row of cells is one item.
   template <typename Body>
-  void ForAnswers(ImageView<const float> depth_m, ImageView<const float> change_m, int threads,
-                  const Body& body) const {
+  void ForAnswers(ImageView<const float> depth_m, ImageView<const float> change_m, ImageView<const uint8_t> near_jump,
+                  int threads, const Body& body) const {
     ParallelRows(
         depth_m.height(), threads,
         [&](int begin, int end) {
           for (int y = begin; y < end; ++y)
             for (int x = 0; x < width_; ++x) {
               const float z = depth_m(x, y), change = change_m(x, y);
-              if (z > 0 && change != 0 && std::abs(change) <= kOneSurface * z) body(x, y, change, z);
+              if (z > 0 && change != 0 && !near_jump(x, y) && std::abs(change) <= kOneSurface * z)
+                body(x, y, change, z);
             }
         },
         /*band=*/kCell);
@@ -121,7 +124,7 @@ Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, co
   const int width = depth_m.width(), height = depth_m.height();
   Image<float> sigma(width, height);
   const Image<uint8_t> near_jump = NearDepthJumps(depth_m, kJumpReach, noise, threads);
-  const LocalChanges around(depth_m, fused.change_m, noise, threads);
+  const LocalChanges around(depth_m, fused.change_m, near_jump, noise, threads);
   ParallelRows(height, threads, [&](int begin, int end) {
     // Of each column, the nearest and the farthest depth within kJumpReach rows; +inf and 0 where all are unknown.
     std::vector<float> nearest(width), farthest(width);
