@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <limits>
+#include <numeric>
 
 #include "core/base/lanes.h"
 #include "core/base/parallel.h"
@@ -33,19 +34,25 @@ Image<uint8_t> StandsStill(ImageView<const Rgb8> a, ImageView<const Rgb8> b, int
   const int width = a.width(), height = a.height();
   Image<uint8_t> still(width, height);
   ParallelRows(height, threads, [&](int begin, int end) {
-    std::vector<int> column(width);
+    // Of each column, the sum over the rows of the window; from row to row one comes in and one goes out.
+    std::vector<int> column(width, 0);
+    const auto add = [&](int y, int sign) {
+      if (y < 0 || y >= height) return;
+      const Rgb8 *const of_a = a.row(y), *const of_b = b.row(y);
+      for (int x = 0; x < width; ++x) column[x] += sign * ColorDifference(of_a[x], of_b[x]);
+    };
+    for (int y = begin - kStillRadius; y < begin + kStillRadius; ++y) add(y, 1);
     for (int y = begin; y < end; ++y) {
-      for (int x = 0; x < width; ++x) {
-        column[x] = 0;
-        for (int ny = std::max(0, y - kStillRadius); ny <= std::min(height - 1, y + kStillRadius); ++ny)
-          column[x] += ColorDifference(a(x, ny), b(x, ny));
-      }
+      add(y + kStillRadius, 1);
+      if (y > begin) add(y - kStillRadius - 1, -1);
       const int rows = std::min(height - 1, y + kStillRadius) - std::max(0, y - kStillRadius) + 1;
+      uint8_t* const to = still.row(y);
+      int sum = std::accumulate(column.begin(), column.begin() + std::min(width, kStillRadius), 0);
       for (int x = 0; x < width; ++x) {
-        const int first = std::max(0, x - kStillRadius), last = std::min(width - 1, x + kStillRadius);
-        int sum = 0;
-        for (int nx = first; nx <= last; ++nx) sum += column[nx];
-        still(x, y) = sum <= kStillColor * rows * (last - first + 1);
+        if (x + kStillRadius < width) sum += column[x + kStillRadius];
+        if (x - kStillRadius > 0) sum -= column[x - kStillRadius - 1];
+        const int columns = std::min(width - 1, x + kStillRadius) - std::max(0, x - kStillRadius) + 1;
+        to[x] = sum <= kStillColor * rows * columns;
       }
     }
   });

@@ -25,14 +25,22 @@ constexpr float kSteady = 0.015F;
 constexpr float kTelling = 4.0F;
 constexpr float kSeenDistance = 1.5F;  // a key pixel nearer than this to a measurement counts as seen
 
-// Far from everything where there is no key.
-float DistanceAt(const Key* key, int x, int y, Flow2 m) {
-  constexpr float kFar = 1e9F;
-  if (key == nullptr) return kFar;
-  const int nx = static_cast<int>(std::floor(static_cast<float>(x) + m.u + 0.5F));
-  const int ny = static_cast<int>(std::floor(static_cast<float>(y) + m.v + 0.5F));
-  return key->distance.Contains(nx, ny) ? key->distance(nx, ny) : kFar;
-}
+// How far the pixel of a key at the end of a motion is from a measurement: far from everything where there is no key.
+class DistanceInKey {
+ public:
+  explicit DistanceInKey(const Key* key) {
+    if (key != nullptr) distance_ = key->distance;
+  }
+  float At(int x, int y, Flow2 m) const {
+    constexpr float kFar = 1e9F;
+    const int nx = static_cast<int>(std::floor(static_cast<float>(x) + m.u + 0.5F));
+    const int ny = static_cast<int>(std::floor(static_cast<float>(y) + m.v + 0.5F));
+    return distance_.Contains(nx, ny) ? distance_(nx, ny) : kFar;
+  }
+
+ private:
+  ImageView<const float> distance_;
+};
 
 // How the keys' answers change, from the first to the second, around a pixel in the layer of what one of them says
 // there.
@@ -92,7 +100,18 @@ class ChangeGrid {
   // 0 where no surface of the layer is near.
   float At(int x, int y, float before_m) const {
     const int column = x / kCell, row = y / kCell;
-    for (const auto& [dx, dy] : kOwnThenNeighbours)
+    const float own = before_m_(column, row);
+    if (own > 0 && SameLayer(own, before_m, noise_)) return mean_m_(column, row);
+    return OfNeighbour(column, row, before_m);
+  }
+
+ private:
+  static constexpr int kCell = 8;
+  static constexpr std::pair<int, int> kNeighbours[] = {{-1, 0},  {1, 0},  {0, -1}, {0, 1},
+                                                        {-1, -1}, {1, -1}, {-1, 1}, {1, 1}};
+
+  float OfNeighbour(int column, int row, float before_m) const {
+    for (const auto& [dx, dy] : kNeighbours)
       if (before_m_.Contains(column + dx, row + dy)) {
         const float there = before_m_(column + dx, row + dy);
         if (there > 0 && SameLayer(there, before_m, noise_)) return mean_m_(column + dx, row + dy);
@@ -100,10 +119,6 @@ class ChangeGrid {
     return 0;
   }
 
- private:
-  static constexpr int kCell = 8;
-  static constexpr std::pair<int, int> kOwnThenNeighbours[] = {{0, 0},   {-1, 0}, {1, 0},  {0, -1}, {0, 1},
-                                                               {-1, -1}, {1, -1}, {-1, 1}, {1, 1}};
   const DepthNoise noise_;
   Image<float> before_m_;  // what the first key says at the grid's pixels; 0 where the keys do not agree
   Image<float> mean_m_;
@@ -117,44 +132,51 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
   Fused out{Image<float>(width, height), Image<float>(width, height), Image<float>(width, height),
             Image<Provenance>(width, height), Image<uint8_t>(width, height)};
   const ChangeGrid changes(choice, input.noise, threads);
-  ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y)
+  const SideChoice &before = choice.sides[0], &after = choice.sides[1];
+  const DistanceInKey in_before(input.keys[0]), in_after(input.keys[1]);
+  // By value, and row by row: single bytes written here could be anything to the compiler, which would then read all it
+  // knows anew for each pixel.
+  ParallelRows(height, threads, [&, tau, in_before, in_after](int begin, int end) {
+    for (int y = begin; y < end; ++y) {
+      const float *const all_z0 = before.depth_m.row(y), *const all_z1 = after.depth_m.row(y);
+      const float *const costs0 = before.cost.row(y), *const costs1 = after.cost.row(y);
+      const Flow2 *const motions0 = before.motion.row(y), *const motions1 = after.motion.row(y);
+      float *const depths = out.depth_m.row(y), *const all_changes = out.change_m.row(y);
+      float* const confidences = out.confidence.row(y);
+      Provenance* const provenances = out.provenance.row(y);
+      uint8_t* const all_confirmed = out.confirmed.row(y);
       for (int x = 0; x < width; ++x) {
-        const float z0 = choice.sides[0].depth_m(x, y), z1 = choice.sides[1].depth_m(x, y);
-        const float c0 = choice.sides[0].cost(x, y) + kTimeCost * tau,
-                    c1 = choice.sides[1].cost(x, y) + kTimeCost * (1 - tau);
+        const float z0 = all_z0[x], z1 = all_z1[x];
         if (z0 <= 0 && z1 <= 0) continue;
-        const float distance0 = DistanceAt(input.keys[0], x, y, choice.sides[0].motion(x, y));
-        const float distance1 = DistanceAt(input.keys[1], x, y, choice.sides[1].motion(x, y));
-        const bool seen0 = distance0 < kSeenDistance, seen1 = distance1 < kSeenDistance;
-        const float nearer = std::min(z0, z1), gap = std::abs(z0 - z1);
-        if (nearer > 0) out.change_m(x, y) = z1 - z0;
-        const bool first = z1 <= 0 || (z0 > 0 && c0 <= c1);
+        const float c0 = costs0[x] + kTimeCost * tau, c1 = costs1[x] + kTimeCost * (1 - tau);
         const float fit0 = std::exp(-c0 / kCostScale), fit1 = std::exp(-c1 / kCostScale);
-        if (nearer > 0 && gap <= kAgree * nearer) {
+        const float nearer = std::min(z0, z1), gap = std::abs(z0 - z1), costs_differ = std::abs(c0 - c1);
+        const bool first = z1 <= 0 || (z0 > 0 && c0 <= c1);
+        const bool agree = nearer > 0 && gap <= kAgree * nearer;
+        const float linear = (1 - tau) * z0 + tau * z1;
+        bool by_both = true;
+        if (agree) {
           const float w0 = (1 - tau + 0.01F) * fit0, w1 = (tau + 0.01F) * fit1;
-          out.confirmed(x, y) = distance0 == 0 && distance1 == 0;
           const float change = changes.At(x, y, z0);
           const float now0 = z0 + tau * change, now1 = z1 - (1 - tau) * change;
-          out.depth_m(x, y) = w0 + w1 > 0 ? (w0 * now0 + w1 * now1) / (w0 + w1) : (1 - tau) * z0 + tau * z1;
-          out.provenance(x, y) = seen0 && seen1   ? Provenance::kBoth
-                                 : seen0 || seen1 ? Provenance::kOne
-                                                  : Provenance::kInferred;
-        } else if (nearer > 0 && gap <= kOneSurface * nearer && std::abs(c0 - c1) <= kEqualCost) {
-          out.depth_m(x, y) = (1 - tau) * z0 + tau * z1;
-          out.provenance(x, y) = seen0 && seen1   ? Provenance::kBoth
-                                 : seen0 || seen1 ? Provenance::kOne
-                                                  : Provenance::kInferred;
+          depths[x] = w0 + w1 > 0 ? (w0 * now0 + w1 * now1) / (w0 + w1) : linear;
+        } else if (nearer > 0 && gap <= kOneSurface * nearer && costs_differ <= kEqualCost) {
+          depths[x] = linear;
         } else {
           const SurfaceChange around = ChangeAround(choice, x, y, first ? 0 : 1, input.noise);
-          if (around.shared && gap <= kOneSurface * nearer && std::abs(c0 - c1) <= kSharedCost)
-            out.depth_m(x, y) = (1 - tau) * z0 + tau * z1;
-          else
-            out.depth_m(x, y) = first ? z0 + tau * around.mean_m : z1 - (1 - tau) * around.mean_m;
-          out.provenance(x, y) = (first ? seen0 : seen1) ? Provenance::kOne : Provenance::kInferred;
+          const bool shared = around.shared && gap <= kOneSurface * nearer && costs_differ <= kSharedCost;
+          depths[x] = shared ? linear : first ? z0 + tau * around.mean_m : z1 - (1 - tau) * around.mean_m;
+          by_both = false;
         }
-        out.confidence(x, y) = (first ? fit0 : fit1) + 1e-3F;
+        if (nearer > 0) all_changes[x] = z1 - z0;
+        confidences[x] = (first ? fit0 : fit1) + 1e-3F;
+        const float distance0 = in_before.At(x, y, motions0[x]), distance1 = in_after.At(x, y, motions1[x]);
+        all_confirmed[x] = agree && distance0 == 0 && distance1 == 0;
+        const bool seen0 = distance0 < kSeenDistance && (by_both || first);
+        const bool seen1 = distance1 < kSeenDistance && (by_both || !first);
+        provenances[x] = seen0 && seen1 ? Provenance::kBoth : seen0 || seen1 ? Provenance::kOne : Provenance::kInferred;
       }
+    }
   });
   return out;
 }

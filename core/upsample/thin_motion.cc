@@ -74,16 +74,22 @@ ThinMotion::ThinMotion(const Key& key, ImageView<const Rgb8> color, const DepthN
 // Mean difference of a place's pixels, moved by (u, v); more than `limit` at least if it is more.
 float ThinMotion::Difference(const Place& place, ImageView<const Rgb8> frame, int u, int v, float limit) {
   const float over = 1.0F / (3.0F * static_cast<float>(place.pixels.size()));
+  const int cx = place.x + u, cy = place.y + v;
+  const bool inside = cx >= kWindowRadius && cy >= kWindowRadius && cx < frame.width() - kWindowRadius &&
+                      cy < frame.height() - kWindowRadius;
+  const float enough =
+      std::min(limit / over, static_cast<float>(kTruncation) * static_cast<float>(place.pixels.size()));
+  const int too_much = static_cast<int>(std::max(0.0F, enough));
   int sum = 0;
   for (const WindowPixel& p : place.pixels) {
-    const int x = place.x + p.dx + u, y = place.y + p.dy + v;
+    const int x = cx + p.dx, y = cy + p.dy;
     int difference = kTruncation;
-    if (frame.Contains(x, y)) {
+    if (inside || frame.Contains(x, y)) {
       const Rgb8 c = frame(x, y);
       difference = std::abs(c.r - p.color.r) + std::abs(c.g - p.color.g) + std::abs(c.b - p.color.b);
     }
     sum += std::min(kTruncation, difference);
-    if (static_cast<float>(sum) * over > limit) break;
+    if (sum > too_much) break;
   }
   return static_cast<float>(sum) * over;
 }

@@ -12,8 +12,9 @@ namespace depthtween {
 namespace {
 
 constexpr int kJumpReach = 2;  // pixels from a silhouette where its wrong side is a danger
-// Neighbours whose answers are compared: those in the 3 x 3 cells of so many pixels around one.
-constexpr int kCell = 10;
+// Neighbours whose answers are compared: those in the 3 x 3 cells of so many pixels around one, one in so many each
+// way.
+constexpr int kCell = 10, kStride = 2;
 constexpr float kNoiseLeft = 0.12F;  // of the noise of a measurement: keys are denoised, and two of them fused
 
 float Square(float value) { return value * value; }
@@ -34,6 +35,7 @@ class LocalChanges {
         down_((depth_m.height() + kCell - 1) / kCell),
         mean_m_(across_, down_),
         deviation_m_(across_, down_) {
+    for (int x = 0; x < width_; ++x) places_.push_back(Between(x, across_));
     const auto in_cell = [&](const Image<float>& of_cells, int x, int y) { return of_cells(x / kCell, y / kCell); };
     Image<float> sum(across_, down_), count(across_, down_);
     ForAnswers(depth_m, change_m, near_jump, threads, [&](int x, int y, float change, float) {
@@ -62,15 +64,14 @@ class LocalChanges {
   void ReadRow(int y, Row& row) const {
     row.mean_m.resize(width_), row.deviation_m.resize(width_);
     const Place down = Between(y, down_);
-    for (int x = 0; x < width_; ++x) {
-      const Place across = Between(x, across_);
-      const auto read = [&](const Image<float>& from) {
-        const auto mix = [](float first, float second, float share) { return first + share * (second - first); };
-        return mix(mix(from(across.first, down.first), from(across.second, down.first), across.share),
-                   mix(from(across.first, down.second), from(across.second, down.second), across.share), down.share);
-      };
-      row.mean_m[x] = read(mean_m_), row.deviation_m[x] = read(deviation_m_);
-    }
+    std::vector<float> cells(across_);
+    const auto read = [&](const Image<float>& from, std::vector<float>& to) {
+      const auto mix = [](float first, float second, float share) { return first + share * (second - first); };
+      for (int column = 0; column < across_; ++column)
+        cells[column] = mix(from(column, down.first), from(column, down.second), down.share);
+      for (int x = 0; x < width_; ++x) to[x] = mix(cells[places_[x].first], cells[places_[x].second], places_[x].share);
+    };
+    read(mean_m_, row.mean_m), read(deviation_m_, row.deviation_m);
   }
 
  private:
@@ -92,8 +93,8 @@ class LocalChanges {
     ParallelRows(
         depth_m.height(), threads,
         [&](int begin, int end) {
-          for (int y = begin; y < end; ++y)
-            for (int x = 0; x < width_; ++x) {
+          for (int y = begin; y < end; y += kStride)
+            for (int x = 0; x < width_; x += kStride) {
               const float z = depth_m(x, y), change = change_m(x, y);
               if (z > 0 && change != 0 && !near_jump(x, y) && std::abs(change) <= kOneSurface * z)
                 body(x, y, change, z);
@@ -114,6 +115,7 @@ class LocalChanges {
   }
 
   int width_, across_, down_;
+  std::vector<Place> places_;          // of columns of pixels
   Image<float> mean_m_, deviation_m_;  // of cells
 };
 
@@ -140,8 +142,9 @@ Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, co
         }
       }
       around.ReadRow(y, local);
+      const float *const depths = depth_m.row(y), *const changes = fused.change_m.row(y);
       for (int x = 0; x < width; ++x) {
-        const float z = depth_m(x, y);
+        const float z = depths[x];
         if (z <= 0) continue;
         // The farthest another layer lies within two pixels: what being on the wrong side of the edge would cost.
         float step = 0;
@@ -154,7 +157,7 @@ Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, co
         }
         const float mismatch = -kCostScale * std::log(fused.confidence(x, y));  // the cost again, sRGB units
         const float wrong_side = (weights.step + weights.step_per_cost * mismatch) * step;
-        const float change = fused.change_m(x, y);
+        const float change = changes[x];
         const bool one_surface = std::abs(change) <= kOneSurface * z;
         const float disagreement = change == 0   ? 0
                                    : one_surface ? weights.one_surface * (change - local.mean_m[x])
