@@ -39,16 +39,6 @@ absl::StatusOr<Image<Rgb8>> ReadColor(const FrameSource& source, int color_index
   return color;
 }
 
-int NearestColorFrame(const Sequence& sequence, int64_t time_ns) {
-  const auto& color = sequence.color;
-  const auto after = std::lower_bound(color.begin(), color.end(), time_ns,
-                                      [](const FrameRef& frame, int64_t time) { return frame.time_ns < time; });
-  if (after == color.begin()) return 0;
-  if (after == color.end()) return static_cast<int>(color.size()) - 1;
-  const auto before = after - 1;
-  return static_cast<int>((time_ns - before->time_ns <= after->time_ns - time_ns ? before : after) - color.begin());
-}
-
 DepthResult BlankResult(const FrameSource& source, int color_index) {
   const Camera& camera = source.sequence().camera;
   return {.color_index = color_index,

@@ -32,9 +32,6 @@ absl::StatusOr<KeyPair> ReadKeys(const FrameSource& source, const Interval& inte
 // InvalidArgument if the decoded image is not of the camera's size.
 absl::StatusOr<Image<Rgb8>> ReadColor(const FrameSource& source, int color_index);
 
-// The colour frame nearest in time; the earlier one of two as near. `sequence` must be valid.
-int NearestColorFrame(const Sequence& sequence, int64_t time_ns);
-
 // An empty answer for one frame.
 DepthResult BlankResult(const FrameSource& source, int color_index);
 

@@ -15,6 +15,10 @@ namespace {
 
 constexpr double kMaxOffsetNs = 3600e9;
 constexpr double kMaxDriftPpm = 1e5;
+// Stamps so many deviations apart, or under this share of a period, may be of one moment: motion within it is far below
+// a pixel.
+constexpr double kJitterSigmas = 4.0;
+constexpr double kCoincident = 0.02;
 
 double Median(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
@@ -84,6 +88,29 @@ Sequence CorrectDepthStamps(const Sequence& sequence, const ClockModel& clock) {
   Sequence corrected = sequence;
   for (FrameRef& frame : corrected.depth) frame.time_ns = clock.ColorTime(frame.time_ns);
   return corrected;
+}
+
+Sequence PairDepthWithinJitter(const Sequence& sequence) {
+  const double jitter = std::hypot(static_cast<double>(StampJitterNs(sequence.color)),
+                                   static_cast<double>(StampJitterNs(sequence.depth)));
+  const double near =
+      std::max(kJitterSigmas * jitter, kCoincident * static_cast<double>(MedianPeriodNs(sequence.color)));
+  Sequence paired = sequence;
+  for (FrameRef& frame : paired.depth) {
+    const int64_t color_ns = sequence.color[NearestColorFrame(sequence, frame.time_ns)].time_ns;
+    if (static_cast<double>(std::llabs(frame.time_ns - color_ns)) <= near) frame.time_ns = color_ns;
+  }
+  // Back to its own stamp what would no longer come after the frame before and before the one after. One that goes back
+  // may stand in the way of its neighbour: until nothing changes.
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (size_t k = 0; k + 1 < paired.depth.size(); ++k) {
+      if (paired.depth[k].time_ns < paired.depth[k + 1].time_ns) continue;
+      for (const size_t i : {k, k + 1}) paired.depth[i].time_ns = sequence.depth[i].time_ns;
+      changed = true;
+    }
+  }
+  return paired;
 }
 
 Sequence PairDepthByIndex(const Sequence& sequence, int color_per_depth) {

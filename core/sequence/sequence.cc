@@ -1,5 +1,6 @@
 #include "core/sequence/sequence.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -43,6 +44,16 @@ Sequence KeepEveryNthDepth(const Sequence& sequence, int n) {
   kept.depth.clear();
   for (size_t k = 0; k < sequence.depth.size(); k += n) kept.depth.push_back(sequence.depth[k]);
   return kept;
+}
+
+int NearestColorFrame(const Sequence& sequence, int64_t time_ns) {
+  const auto& color = sequence.color;
+  const auto after = std::lower_bound(color.begin(), color.end(), time_ns,
+                                      [](const FrameRef& frame, int64_t time) { return frame.time_ns < time; });
+  if (after == color.begin()) return 0;
+  if (after == color.end()) return static_cast<int>(color.size()) - 1;
+  const auto before = after - 1;
+  return static_cast<int>((time_ns - before->time_ns <= after->time_ns - time_ns ? before : after) - color.begin());
 }
 
 std::vector<absl::Status> Violations(const Sequence& sequence) {

@@ -37,6 +37,9 @@ struct Sequence {
 // Depth frames 0, n, 2n, ...: the input of a leave-out experiment. n >= 1.
 Sequence KeepEveryNthDepth(const Sequence& sequence, int n);
 
+// The colour frame nearest in time; the earlier one of two as near. `sequence` must be valid.
+int NearestColorFrame(const Sequence& sequence, int64_t time_ns);
+
 // Everything wrong with a sequence that can be said without decoding a frame, one message each that names field or
 // file, value, rule and mend. Empty when valid.
 std::vector<absl::Status> Violations(const Sequence& sequence);

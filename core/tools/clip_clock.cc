@@ -105,10 +105,14 @@ ClipClock ClockOf(const json& plan_or_report) {
           .estimate = clock.contains("estimate") ? std::optional(EstimateOf(clock.at("estimate"))) : std::nullopt};
 }
 
+Sequence ByStamps(const Sequence& recording, const ClipClock& clock) {
+  return PairDepthWithinJitter(CorrectDepthStamps(recording, clock.model));
+}
+
 Sequence InputOf(const Sequence& recording, const ClipClock& clock, int key_every) {
-  if (clock.color_per_depth > 0)
-    return KeepEveryNthDepth(PairDepthByIndex(recording, clock.color_per_depth), key_every);
-  return KeepEveryNthDepth(CorrectDepthStamps(recording, clock.model), key_every);
+  return KeepEveryNthDepth(
+      clock.color_per_depth > 0 ? PairDepthByIndex(recording, clock.color_per_depth) : ByStamps(recording, clock),
+      key_every);
 }
 
 }  // namespace depthtween::tools

@@ -38,8 +38,12 @@ nlohmann::json ToJson(const ClipClock& clock);
 // Throws nlohmann::json::exception if ToJson did not make it.
 ClipClock ClockOf(const nlohmann::json& plan_or_report);
 
-// The recording as an upsampling sees it: depth frames stamped by the colour camera's clock, of which every
-// `key_every`-th is kept.
+// The recording with the stamps of its depth frames put right, where its stamps mean anything: on the colour camera's
+// clock, and equal to that of the colour frame they were taken with, as far as jitter allows to tell. What pairing by
+// index says does not count.
+Sequence ByStamps(const Sequence& recording, const ClipClock& clock);
+
+// The recording as an upsampling sees it: by stamps or by index, with every `key_every`-th depth frame kept.
 Sequence InputOf(const Sequence& recording, const ClipClock& clock, int key_every);
 
 // The same as a source of frames. Borrows `recording`.

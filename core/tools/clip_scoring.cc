@@ -8,6 +8,7 @@
 #include "core/io/quantise.h"
 #include "core/metrics/sensor_floor.h"
 #include "core/sequence/interval.h"
+#include "core/sequence/sequence.h"
 
 namespace depthtween::tools {
 namespace {

@@ -6,10 +6,10 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "core/baselines/frame_steps.h"
 #include "core/io/file.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
+#include "core/sequence/sequence.h"
 
 namespace depthtween::tools {
 namespace {
@@ -29,14 +29,14 @@ TruthFrame FrameTruth::View() const {
 
 absl::StatusOr<ClipTruth> ClipTruth::Open(const SequenceFolder& folder, const ClipClock& clock, int key_every,
                                           Kind kind) {
-  const Sequence sequence = CorrectDepthStamps(folder.sequence(), clock.model);
-  const Sequence keys = KeepEveryNthDepth(sequence, key_every);
+  const Sequence sequence = ByStamps(folder.sequence(), clock);
+  const Sequence keys = InputOf(folder.sequence(), clock, key_every);
   const int64_t first_ns = keys.depth.front().time_ns, last_ns = keys.depth.back().time_ns;
   const auto between_keys = [&](int64_t time_ns) { return time_ns > first_ns && time_ns < last_ns; };
 
   ClipTruth truth(folder);
   truth.at_key_time_.assign(sequence.color.size(), false);
-  for (const FrameRef& key : InputOf(folder.sequence(), clock, key_every).depth) {
+  for (const FrameRef& key : keys.depth) {
     const int color = NearestColorFrame(sequence, key.time_ns);
     if (SameTime(key.time_ns, sequence.color[color].time_ns)) truth.at_key_time_[color] = true;
   }

@@ -1,7 +1,8 @@
 // What the true depth and motion of a sequence folder are, frame by frame.
 //
 // Truth is SEQ/gt/depth where present; else the depth maps that were left out of the input (key_every > 1), each taken
-// for the truth of the colour frame of its time, at most 3 ms apart. True motion: gt/flow and gt/occ, where present.
+// for the truth of the colour frame that it was taken with, as its stamp says: at most 3 ms apart, or no further than
+// stamps wander (PairDepthWithinJitter). True motion: gt/flow and gt/occ, where present.
 #ifndef DEPTHTWEEN_CORE_TOOLS_CLIP_TRUTH_H_
 #define DEPTHTWEEN_CORE_TOOLS_CLIP_TRUTH_H_
 

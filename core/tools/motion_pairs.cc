@@ -7,7 +7,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "core/baselines/frame_steps.h"
 #include "core/io/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/flow_png.h"
@@ -15,6 +14,7 @@
 #include "core/io/png.h"
 #include "core/io/quantise.h"
 #include "core/sceneflow/pixel_rays.h"
+#include "core/sequence/sequence.h"
 
 namespace depthtween::tools {
 namespace {

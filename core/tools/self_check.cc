@@ -9,8 +9,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/baselines/baselines.h"
-#include "core/baselines/frame_steps.h"
-#include "core/sequence/clock.h"
+#include "core/sequence/sequence.h"
 #include "core/tools/clip_scoring.h"
 #include "core/tools/clip_truth.h"
 #include "core/tools/progress_bar.h"
@@ -77,7 +76,7 @@ absl::StatusOr<SelfCheck> Measure(const SequenceFolder& recording, const Upsampl
 
   // Depth maps that the upsampling itself does not take as input are no truth here either: the check would speak of
   // another gap.
-  const Sequence sequence = CorrectDepthStamps(recording.sequence(), plan.clock.model);
+  const Sequence sequence = ByStamps(recording.sequence(), plan.clock);
   std::map<int, int> depth_at;  // by colour frame
   for (int d = options.key_every; d < static_cast<int>(sequence.depth.size()); d += halved.key_every)
     depth_at[NearestColorFrame(sequence, sequence.depth[d].time_ns)] = d;

@@ -1,19 +1,10 @@
 #include "core/upsample/keys.h"
 
-#include <algorithm>
 #include <cmath>
-#include <cstdlib>
-
-#include "core/sequence/clock.h"
 
 namespace depthtween {
 namespace {
 
-// Under this share of a frame step a depth frame counts as taken with its colour frame: motion within it is far below a
-// pixel.
-constexpr double kCoincident = 0.02;
-// So does one whose offset the jitter of the stamps explains: moving it by a stamp's error would only add that error.
-constexpr double kJitterSigmas = 4.0;
 // Window of the plane fit, pixels: 7 x 7 divides the noise of a flat part by about six.
 constexpr int kDenoiseRadius = 3;
 
@@ -22,28 +13,14 @@ constexpr int kDenoiseRadius = 3;
 Key LocateKey(const Sequence& sequence, int depth_index) {
   Key key;
   key.time_ns = sequence.depth[depth_index].time_ns;
+  key.color_index = NearestColorFrame(sequence, key.time_ns);
   const auto& color = sequence.color;
-  const auto later = std::lower_bound(color.begin(), color.end(), key.time_ns,
-                                      [](const FrameRef& frame, int64_t time) { return frame.time_ns < time; });
-  int nearest = static_cast<int>(later - color.begin());
-  const int count = static_cast<int>(color.size());
-  if (nearest == count ||
-      (nearest > 0 && key.time_ns - color[nearest - 1].time_ns < color[nearest].time_ns - key.time_ns))
-    --nearest;
-  key.color_index = nearest;
-  const int64_t offset = key.time_ns - color[nearest].time_ns;
-  const int neighbour = offset > 0 ? nearest + 1 : nearest - 1;
-  if (offset == 0 || neighbour < 0 || neighbour >= count) return key;
-  const auto step = static_cast<double>(std::llabs(color[neighbour].time_ns - color[nearest].time_ns));
-  const double jitter = std::hypot(static_cast<double>(StampJitterNs(sequence.color)),
-                                   static_cast<double>(StampJitterNs(sequence.depth)));
-  const auto distance = static_cast<double>(std::llabs(offset));
-  if (distance > kCoincident * step && distance > kJitterSigmas * jitter) {
-    key.fraction = static_cast<float>(distance / step);
-    key.toward = neighbour;
-  } else {
-    key.time_ns = color[nearest].time_ns;
-  }
+  const int64_t offset = key.time_ns - color[key.color_index].time_ns;
+  const int neighbour = offset > 0 ? key.color_index + 1 : key.color_index - 1;
+  if (offset == 0 || neighbour < 0 || neighbour >= static_cast<int>(color.size())) return key;
+  key.fraction = static_cast<float>(static_cast<double>(offset) /
+                                    static_cast<double>(color[neighbour].time_ns - color[key.color_index].time_ns));
+  key.toward = neighbour;
   return key;
 }
 

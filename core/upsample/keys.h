@@ -13,7 +13,7 @@
 namespace depthtween {
 
 struct Key {
-  int64_t time_ns = 0;   // the depth frame's own stamp; where it coincides with the colour frame, that one's
+  int64_t time_ns = 0;   // of the depth frame
   int color_index = -1;  // the colour frame nearest to it in time, into Sequence::color
   // How far the depth frame lies from that colour frame, in steps to its neighbour `toward` (index; -1 when it
   // coincides).
@@ -24,7 +24,7 @@ struct Key {
   MatchImage image;
 };
 
-// Which colour frame a depth frame belongs to.
+// Which colour frame a depth frame belongs to. (That of a frame stamped within jitter of it: PairDepthWithinJitter.)
 Key LocateKey(const Sequence& sequence, int depth_index);
 
 // Moves a depth map that was measured `fraction` of a step after (along `flow_to_neighbour`) the colour frame onto its

@@ -133,10 +133,11 @@ class IntervalRun {
     });
   }
 
-  // Who follows motion to the keys needs flow between neighbours only to move depth frames that were taken between two
-  // colour frames.
+  // Whether depth is computed from flow between neighbours. Who follows motion to the keys needs it only to move depth
+  // frames that were taken between two colour frames.
+  bool TakesNeighbourFlow() const { return !options_.follow || options_.draw || options_.witnesses; }
   bool NeedsFlowOf(int pair) const {
-    if (!options_.follow || options_.draw || options_.witnesses || context_.want_motion) return true;
+    if (TakesNeighbourFlow() || context_.want_motion) return true;
     return std::any_of(std::begin(keys_), std::end(keys_), [&](const Key& key) {
       return key.toward >= 0 && std::min(key.color_index, key.toward) - window_.first == pair;
     });
@@ -309,8 +310,11 @@ class IntervalRun {
       const int last = FrameInWindow(step > 0 ? interval_.frame_count - 1 : 0);
       if (step * key >= step * last) return absl::OkStatus();
       ThinMotion things(keys_[side], window_.color[key], noise_);
-      for (int frame = key + step; step * frame <= step * last; frame += step)
-        thin_[side][frame] = things.Follow(window_.color[frame], step > 0 ? forward_[frame - 1] : backward_[frame]);
+      const Image<Flow2> nothing_moves;
+      for (int frame = key + step; step * frame <= step * last; frame += step) {
+        const Image<Flow2>& from_last = step > 0 ? forward_[frame - 1] : backward_[frame];
+        thin_[side][frame] = things.Follow(window_.color[frame], TakesNeighbourFlow() ? from_last : nothing_moves);
+      }
       return absl::OkStatus();
     });
   }

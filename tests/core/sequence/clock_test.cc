@@ -1,5 +1,6 @@
 #include "core/sequence/clock.h"
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -76,6 +77,39 @@ TEST(CorrectDepthStamps, StampsDepthFramesAnew) {
   ASSERT_EQ(corrected.depth.size(), 5U);
   for (int k = 0; k < 5; ++k) EXPECT_EQ(corrected.depth[k].time_ns, kEpoch + k * 2'000'000);
   EXPECT_EQ(corrected.color[3].time_ns, kEpoch + 3'000'000);
+}
+
+// Colour frames every 100 ms, and depth frames at the given milliseconds after the first one.
+Sequence HandMade(const std::vector<int64_t>& color_ms, const std::vector<int64_t>& depth_ms) {
+  Sequence sequence;
+  for (const int64_t ms : color_ms) sequence.color.push_back({kEpoch + 1'000'000 * ms, "c"});
+  for (const int64_t ms : depth_ms) sequence.depth.push_back({kEpoch + 1'000'000 * ms, "d"});
+  return sequence;
+}
+std::vector<int64_t> DepthMs(const Sequence& sequence) {
+  std::vector<int64_t> ms;
+  for (const FrameRef& frame : sequence.depth) ms.push_back((frame.time_ns - kEpoch) / 1'000'000);
+  return ms;
+}
+
+// Regular clocks say what they mean: only what lies within a fiftieth of a period has its colour frame's stamp.
+TEST(PairDepthWithinJitter, LeavesRegularStamps) {
+  const Sequence paired = PairDepthWithinJitter(HandMade({0, 100, 200, 300, 400, 500}, {1, 131, 261, 391}));
+  EXPECT_THAT(DepthMs(paired), testing::ElementsAre(0, 131, 261, 391));
+}
+
+// Stamps that wander by as much as they differ tell no difference.
+TEST(PairDepthWithinJitter, TakesWanderingStampsForTheColourFrames) {
+  const Sequence wandering = HandMade({0, 130, 190, 320, 390, 520}, {10, 140, 220, 330});
+  EXPECT_THAT(DepthMs(PairDepthWithinJitter(wandering)), testing::ElementsAre(0, 130, 190, 320));
+}
+
+// Two depth frames are never of one colour frame, and none passes another.
+TEST(PairDepthWithinJitter, KeepsStampsAscending) {
+  const Sequence crowded = HandMade({0, 130, 190, 320, 390, 520}, {10, 120, 150, 185, 200, 330, 900});
+  const std::vector<int64_t> ms = DepthMs(PairDepthWithinJitter(crowded));
+  EXPECT_THAT(ms, testing::ElementsAre(0, 120, 150, 185, 200, 320, 900));
+  EXPECT_TRUE(std::is_sorted(ms.begin(), ms.end()));
 }
 
 // Depth frame k takes the time of colour frame k x ratio; what has no such frame is gone.

@@ -163,7 +163,9 @@ TEST(ClipPlan, CarriesItsClock) {
   EXPECT_EQ(parsed->clock.model.drift_ppm, plan->clock.model.drift_ppm);
   const ClipSource clip(*source, parsed->clock, 2);
   ASSERT_EQ(clip.sequence().depth.size(), 2U);
-  EXPECT_EQ(clip.sequence().depth[1].time_ns, plan->clock.model.ColorTime(32'000'000));
+  // Less than a hundredth of a frame before a colour frame: taken with it.
+  EXPECT_EQ(plan->clock.model.ColorTime(32'000'000), 27'972'028);
+  EXPECT_EQ(clip.sequence().depth[1].time_ns, 28'000'000);
   EXPECT_EQ((*clip.Depth(1))(0, 0), 1.8F);
   // Stamps so far off that nothing overlaps are refused by the option's name.
   EXPECT_THAT(std::string(PrepareClip(*source, {.clock = "5000"}).status().message()),
