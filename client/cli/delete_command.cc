@@ -22,11 +22,11 @@ absl::Status DeleteOne(client::Connection& connection, const std::string& name) 
   if (absl::StartsWith(name, "jobs/")) {
     v1::DeleteJobRequest request;
     request.set_name(name);
-    return connection.Call(connection.jobs(), &v1::JobService::StubInterface::DeleteJob, request).status();
+    return connection.Remove(connection.jobs(), &v1::JobService::StubInterface::DeleteJob, request);
   }
   v1::DeleteSequenceRequest request;
   request.set_name(name);
-  return connection.Call(connection.sequences(), &v1::SequenceService::StubInterface::DeleteSequence, request).status();
+  return connection.Remove(connection.sequences(), &v1::SequenceService::StubInterface::DeleteSequence, request);
 }
 
 int Delete(const DeleteOptions& options) {

@@ -6,6 +6,7 @@
 #include "client/cli/common.h"
 #include "client/cli/exit_codes.h"
 #include "client/cli/job_progress.h"
+#include "client/cli/lost_files.h"
 #include "client/lib/fetch.h"
 #include "client/lib/jobs.h"
 
@@ -34,10 +35,14 @@ int Fetch(const FetchOptions& options) {
   if (options.common.json) {
     nlohmann::json json = {{"job", ToJson(*job)}, {"directory", options.output}};
     json["complete"] = fetched.ok() && fetched->complete;
+    json["lost"] = LostToJson(fetched.ok() ? fetched->lost : std::vector<client::LostOutput>());
     PrintJson(json);
   }
   if (fetched.ok() && fetched->complete) return kExitOk;
+  const bool lost = fetched.ok() && !fetched->lost.empty();
+  if (lost) std::cerr << "depthtween: " << DescribeLost(*name, fetched->lost, options.output) << std::endl;
   if (client::HasEnded(job->state()) && job->state() != v1::Job::STATE_SUCCEEDED) return ReportOutcome(*job);
+  if (lost) return kExitFailed;
   std::cerr << "depthtween: " << *name << " has not ended (" << DescribeProgress(*job)
             << "); run the command again for the rest, or with --follow to wait for it" << std::endl;
   return kExitNotFinished;

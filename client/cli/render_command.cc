@@ -10,6 +10,7 @@
 #include "client/cli/common.h"
 #include "client/cli/exit_codes.h"
 #include "client/cli/job_progress.h"
+#include "client/cli/lost_files.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/render_flags.h"
 #include "client/cli/render_places.h"
@@ -73,9 +74,9 @@ absl::Status RenderOneFrame(client::Connection& connection, const RenderCommand&
   return client::WriteFile(command.output, frame.bytes);
 }
 
-// Brings home what the render of a job left. The files written.
+// Brings home what the render of a job left, but for what the server has `lost` of its pictures. The files written.
 absl::StatusOr<std::vector<std::string>> FetchRender(client::Connection& connection, const RenderCommand& command,
-                                                     const v1::Job& job) {
+                                                     const v1::Job& job, std::vector<client::LostOutput>& lost) {
   if (job.renders_size() != 1) return absl::DataLossError(absl::StrCat(job.name(), " came back without its render"));
   ASSIGN_OR_RETURN(const v1::ListOutputsResponse outputs, client::ListOutputs(connection, job.name()));
   const std::string& name = job.renders(0).name();
@@ -98,12 +99,19 @@ absl::StatusOr<std::vector<std::string>> FetchRender(client::Connection& connect
     ProgressLine line("fetch");
     v1::StreamFramesRequest request;
     request.set_name(output.name());
-    RETURN_IF_ERROR(client::StreamFrames(connection, request, [&](const client::Frame& frame) -> absl::Status {
+    client::LostOutput missing = {.output = output.name(), .place = folder};
+    const auto keep = [&](const client::Frame& frame) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string file, client::FrameFileName(frame.header));
       line.Show(static_cast<double>(frame.index + 1) / std::max(1, output.frame_count()),
                 absl::StrCat(frame.index + 1, " of ", output.frame_count(), " images"));
       return client::WriteFile(absl::StrCat(folder, "/", file), frame.bytes);
-    }));
+    };
+    const auto leave_out = [&](int frame) {
+      missing.frames.push_back(frame);
+      return absl::OkStatus();
+    };
+    RETURN_IF_ERROR(client::StreamFrames(connection, request, keep, leave_out));
+    if (!missing.frames.empty()) lost.push_back(std::move(missing));
   }
   return written;
 }
@@ -134,14 +142,17 @@ int Render(const RenderCommand& command) {
   job = WatchWithProgressLine(**connection, job->name());
   if (!job.ok()) return Report(job.status());
   if (const int outcome = ReportOutcome(*job); outcome != kExitOk) return outcome;
-  const absl::StatusOr<std::vector<std::string>> written = FetchRender(**connection, command, *job);
+  std::vector<client::LostOutput> lost;
+  const absl::StatusOr<std::vector<std::string>> written = FetchRender(**connection, command, *job, lost);
   if (!written.ok()) return Report(written.status());
   if (command.common.json) {
-    PrintJson({{"job", ToJson(*job)}, {"files", *written}});
+    PrintJson({{"job", ToJson(*job)}, {"files", *written}, {"lost", LostToJson(lost)}});
   } else {
     for (const std::string& file : *written) std::cout << file << std::endl;
   }
-  return kExitOk;
+  if (lost.empty()) return kExitOk;
+  std::cerr << "depthtween: " << DescribeLost(job->name(), lost, command.output) << std::endl;
+  return kExitFailed;
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/cli/exit_codes.h"
 #include "client/cli/job_progress.h"
+#include "client/cli/lost_files.h"
 #include "client/cli/progress_line.h"
 #include "client/lib/fetch.h"
 #include "client/lib/jobs.h"
@@ -99,7 +100,8 @@ void PrintResult(const SubmissionOptions& options, const SubmitResult& result, i
   }
   if (result.job.has_value()) json["job"] = ToJson(*result.job);
   if (result.fetch.has_value()) {
-    json["output"] = {{"directory", options.output}, {"complete", result.fetch->complete}};
+    json["output"] = {
+        {"directory", options.output}, {"complete", result.fetch->complete}, {"lost", LostToJson(result.fetch->lost)}};
   }
   PrintJson(json);
 }
@@ -142,7 +144,9 @@ int Submit(const SubmissionOptions& options, v1::Job order, SubmitResult& result
   const auto fetched = FetchWithProgressLine(**connection, job->name(), options.output, {.replace = options.force});
   if (!fetched.ok()) return Report(fetched.status());
   result.fetch = *fetched;
-  return kExitOk;
+  if (fetched->lost.empty()) return kExitOk;
+  std::cerr << "depthtween: " << DescribeLost(job->name(), fetched->lost, options.output) << std::endl;
+  return kExitFailed;
 }
 
 }  // namespace

@@ -53,6 +53,15 @@ class Connection {
                                 const Request& request) {
     return CallWithin(options_.call_timeout, stub, method, request);
   }
+  // The same for a call that removes something. An answer may be lost on the way: NotFound after a try that nobody
+  // answered says that it is gone, which is what was asked for.
+  template <typename Stub, typename Request, typename Response>
+  absl::Status Remove(Stub& stub, grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+                      const Request& request) {
+    bool unanswered = false;
+    const absl::Status status = CallWithin(options_.call_timeout, stub, method, request, &unanswered).status();
+    return unanswered && absl::IsNotFound(status) ? absl::OkStatus() : status;
+  }
 
   // For what is not a single call and can be tried again too.
   Backoff NewBackoff() const { return Backoff(options_.patience, options_.on_away); }
@@ -62,11 +71,11 @@ class Connection {
  private:
   explicit Connection(ConnectionOptions options);
 
-  // Each try may take `timeout`.
+  // Each try may take `timeout`. `unanswered` is set if one may have got through without an answer.
   template <typename Stub, typename Request, typename Response>
   absl::StatusOr<Response> CallWithin(std::chrono::milliseconds timeout, Stub& stub,
                                       grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
-                                      const Request& request) {
+                                      const Request& request, bool* unanswered = nullptr) {
     for (Backoff backoff = NewBackoff();;) {
       grpc::ClientContext context;
       context.set_deadline(std::chrono::system_clock::now() + timeout);
@@ -74,6 +83,7 @@ class Connection {
       const absl::Status status = Answer((stub.*method)(&context, request, &response));
       if (status.ok()) return response;
       if (!IsTransient(status) || !backoff.Wait(status)) return status;
+      if (unanswered != nullptr && absl::IsUnavailable(status)) *unanswered = true;
     }
   }
 

@@ -4,8 +4,11 @@
 #include <cerrno>
 #include <cstdio>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -105,6 +108,12 @@ class FetchState {
     for (const auto& [output, frame] : next_frame.items()) {
       if (frame.is_number_integer()) state.next_frame_[output] = std::max(0, frame.get<int>());
     }
+    const nlohmann::json lost = stored.value("lost", nlohmann::json::object());
+    for (const auto& [output, frames] : lost.items()) {
+      for (const nlohmann::json& frame : frames) {
+        if (frame.is_number_integer()) state.lost_[output].insert(std::max(0, frame.get<int>()));
+      }
+    }
     return state;
   }
 
@@ -112,12 +121,21 @@ class FetchState {
     const auto found = next_frame_.find(output);
     return found == next_frame_.end() ? 0 : found->second;
   }
-  absl::Status SetNextFrame(const std::string& output, int frame) {
-    next_frame_[output] = frame;
-    return Save();
+  std::set<int> lost(const std::string& output) const {
+    const auto found = lost_.find(output);
+    return found == lost_.end() ? std::set<int>() : found->second;
+  }
+  // The frame is in the folder, and `next_frame` is the first that is not known, unless a later one was.
+  absl::Status AddFetched(const std::string& output, int frame, int next_frame) {
+    if (const auto found = lost_.find(output); found != lost_.end()) found->second.erase(frame);
+    return GoOn(output, next_frame);
+  }
+  absl::Status AddLost(const std::string& output, int frame, int next_frame) {
+    lost_[output].insert(frame);
+    return GoOn(output, next_frame);
   }
   absl::Status Save() const {
-    return WriteFile(path_, nlohmann::json{{"job", job_}, {"next_frame", next_frame_}}.dump());
+    return WriteFile(path_, nlohmann::json{{"job", job_}, {"next_frame", next_frame_}, {"lost", lost_}}.dump());
   }
   absl::Status Remove() {
     if (std::remove(path_.c_str()) != 0 && errno != ENOENT) return ErrnoStatus(errno, "removing " + path_);
@@ -127,9 +145,15 @@ class FetchState {
  private:
   FetchState(std::string path, std::string job) : path_(std::move(path)), job_(std::move(job)) {}
 
+  absl::Status GoOn(const std::string& output, int next_frame) {
+    next_frame_[output] = std::max(this->next_frame(output), next_frame);
+    return Save();
+  }
+
   std::string path_;
   std::string job_;
   std::map<std::string, int> next_frame_;
+  std::map<std::string, std::set<int>> lost_;  // of those before next_frame_
 };
 
 // "depth" of "jobs/7/outputs/depth".
@@ -150,6 +174,11 @@ absl::StatusOr<std::string> PlaceOf(const v1::Output& output) {
   const std::string place = output.file_name().empty() ? LastPart(output.name()) : output.file_name();
   for (const absl::string_view part : absl::StrSplit(place, '/')) RETURN_IF_ERROR(CheckName(std::string(part)));
   return place;
+}
+
+// The start_frame that continues after `frame`.
+int After(int frame, int stride) {
+  return static_cast<int>(std::min<int64_t>(int64_t{frame} + std::max(1, stride), std::numeric_limits<int>::max()));
 }
 
 // What a result has, and what the new one will have: pictures of another job under other names stay.
@@ -178,7 +207,8 @@ absl::StatusOr<v1::ListOutputsResponse> ListOutputs(Connection& connection, cons
 }
 
 absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest request,
-                          const std::function<absl::Status(const Frame&)>& sink) {
+                          const std::function<absl::Status(const Frame&)>& sink,
+                          const std::function<absl::Status(int frame)>& on_lost) {
   for (Persistence persistence(connection);;) {
     grpc::ClientContext context;  // no deadline: a followed job takes as long as it takes
     const auto stream = connection.outputs().StreamFrames(&context, request);
@@ -197,7 +227,13 @@ absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest reques
     const absl::Status there = connection.Answer(stream->Finish());
     if (!sunk.ok()) return sunk;
     const absl::Status status = here.ok() ? there : here;
-    if (!persistence.TryAgain(status)) return status;
+    if (const std::optional<int> lost = LostFrame(status); lost && on_lost && *lost >= request.start_frame()) {
+      RETURN_IF_ERROR(on_lost(*lost));
+      request.set_start_frame(After(*lost, request.stride()));
+      persistence.Progressed();
+    } else if (!persistence.TryAgain(status)) {
+      return status;
+    }
     if (request.end_frame() > 0 && request.start_frame() >= request.end_frame()) return absl::OkStatus();
   }
 }
@@ -309,28 +345,37 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
     if (output.kind() != v1::Output::KIND_FRAMES) continue;
     progress.frames_total += output.frame_count();
     ASSIGN_OR_RETURN(const std::string folder, PlaceOf(output));
-    progress.frames_done += state.next_frame(folder);
+    progress.frames_done += state.next_frame(folder) - static_cast<int>(state.lost(folder).size());
   }
   for (const v1::Output& output : outputs.outputs()) {
     if (output.kind() != v1::Output::KIND_FRAMES) continue;
     ASSIGN_OR_RETURN(const std::string folder, PlaceOf(output));
     RETURN_IF_ERROR(MakeFolder(absl::StrCat(directory, "/", folder)));
-    v1::StreamFramesRequest request;
-    request.set_name(output.name());
-    request.set_start_frame(state.next_frame(folder));
-    request.set_follow(options.follow);
-    RETURN_IF_ERROR(StreamFrames(connection, request, [&](const Frame& frame) -> absl::Status {
+    const auto keep = [&](const Frame& frame) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string name, FrameFileName(frame.header));
       // One without bytes says that this output has nothing for the frame.
       if (!frame.bytes.empty()) {
         RETURN_IF_ERROR(WriteFile(absl::StrCat(directory, "/", folder, "/", name), frame.bytes));
       }
-      RETURN_IF_ERROR(state.SetNextFrame(folder, frame.next_frame));
+      RETURN_IF_ERROR(state.AddFetched(folder, frame.index, frame.next_frame));
       progress.frames_done += 1;
       progress.bytes += static_cast<int64_t>(frame.bytes.size());
       if (on_progress) on_progress(progress);
       return absl::OkStatus();
-    }));
+    };
+    const auto leave_out = [&](int frame) { return state.AddLost(folder, frame, After(frame, /*stride=*/1)); };
+    v1::StreamFramesRequest request;
+    request.set_name(output.name());
+    // Lost when it was asked for last; somebody may have put it back.
+    for (const int frame : state.lost(folder)) {
+      request.set_start_frame(frame);
+      request.set_end_frame(After(frame, /*stride=*/1));
+      RETURN_IF_ERROR(StreamFrames(connection, request, keep, leave_out));
+    }
+    request.set_start_frame(state.next_frame(folder));
+    request.clear_end_frame();
+    request.set_follow(options.follow);
+    RETURN_IF_ERROR(StreamFrames(connection, request, keep, leave_out));
   }
 
   // Asked again: while frames were followed the job has ended and made its files.
@@ -344,17 +389,27 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
       if (output.frame_count() == 0 || state.next_frame(folder) < output.frame_count()) {
         summary.complete = false;
       }
+      const std::set<int> lost = state.lost(folder);
+      if (!lost.empty()) {
+        summary.lost.push_back({.output = output.name(), .place = folder, .frames = {lost.begin(), lost.end()}});
+      }
       continue;
     }
-    // Asked for all the same: the server says best what is to be done.
+    // What is lost is asked for all the same: it may have been put back.
     if (!output.ready() && !output.lost()) {
       summary.complete = false;
       continue;
     }
     ASSIGN_OR_RETURN(const std::string file, PlaceOf(output));
-    ASSIGN_OR_RETURN(const int64_t bytes, FetchFile(connection, output.name(), absl::StrCat(directory, "/", file)));
-    progress.bytes += bytes;
+    const absl::StatusOr<int64_t> bytes = FetchFile(connection, output.name(), absl::StrCat(directory, "/", file));
+    if (IsLost(bytes.status())) {
+      summary.lost.push_back({.output = output.name(), .place = file});
+      continue;
+    }
+    RETURN_IF_ERROR(bytes.status());
+    progress.bytes += *bytes;
   }
+  summary.complete = summary.complete && summary.lost.empty();
   if (summary.complete) RETURN_IF_ERROR(state.Remove());
   return summary;
 }

@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "client/lib/connection.h"
 
@@ -18,11 +19,13 @@ struct Frame {
 };
 
 // Streams the frames that `request` asks for into `sink`, in order, each once: a cut line or damaged bytes cost a new
-// stream that goes on after the last whole frame. An error of `sink` ends the stream and is returned.
+// stream that goes on after the last whole frame. A frame that the server has lost is told to `on_lost`, which may be
+// empty, and the stream goes on after it. An error of `sink` or `on_lost` ends the stream and is returned.
 // Errors: Aborted when a followed job ended without success; DataLoss when frames arrive damaged again and again, or
-// when the server has lost one.
+// when the server has lost one and `on_lost` is empty.
 absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest request,
-                          const std::function<absl::Status(const Frame&)>& sink);
+                          const std::function<absl::Status(const Frame&)>& sink,
+                          const std::function<absl::Status(int frame)>& on_lost = nullptr);
 
 // Writes an output that is one file to `path`, whole or not at all, and returns its size. A cut line costs a new stream
 // that goes on where it stopped.
@@ -42,9 +45,17 @@ struct FetchProgress {
   int64_t bytes = 0;     // received by this call
 };
 
+// Of an output that the server made, what is gone from its disk.
+struct LostOutput {
+  std::string output;       // its resource name
+  std::string place;        // its file or folder in a result
+  std::vector<int> frames;  // ascending; empty: it is one file
+};
+
 struct FetchSummary {
   FetchProgress progress;
-  bool complete = false;  // everything a succeeded job has is in the folder
+  bool complete = false;         // everything a succeeded job has is in the folder
+  std::vector<LostOutput> lost;  // never to come; what else is ready is in the folder
 };
 
 struct FetchOptions {
@@ -60,10 +71,11 @@ absl::Status CheckFolder(const std::string& directory, bool replace);
 
 // Writes the result of a job into `directory` as `depthtween-core upsample` would: depth/ uncertainty/ provenance/, and
 // a folder for the pictures of each render, the files byte for byte as the server stores them, then depth.txt,
-// camera.json, report.json and videos. Where it stopped is kept
-// in `directory` until the result is complete, so that calling this again goes on there. With `replace`, an earlier
-// result is removed first, so that no frame of it survives among the new ones. Errors: those of CheckFolder;
-// FailedPrecondition when `directory` holds an unfinished fetch of another job; Aborted as StreamFrames.
+// camera.json, report.json and videos. What the server has lost is left out and named in the summary. Where it stopped
+// is kept in `directory` until the result is complete, so that calling this again goes on there, and asks once more for
+// what was lost. With `replace`, an earlier result is removed first, so that no frame of it survives among the new
+// ones. Errors: those of CheckFolder; FailedPrecondition when `directory` holds an unfinished fetch of another job;
+// Aborted as StreamFrames.
 absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::string& job, const std::string& directory,
                                          const FetchOptions& options,
                                          const std::function<void(const FetchProgress&)>& on_progress);

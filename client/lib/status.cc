@@ -5,13 +5,16 @@
 #include <system_error>
 
 #include "absl/strings/cord.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "google/rpc/error_details.pb.h"
 
 namespace depthtween::client {
 namespace {
 
-constexpr char kReasonPayload[] = "depthtween/reason";  // ErrorInfo.reason, on the absl::Status
+// Of ErrorInfo, on the absl::Status.
+constexpr char kReasonPayload[] = "depthtween/reason";
+constexpr char kFramePayload[] = "depthtween/frame";
 
 // Adds "; field: description" for every violation that `message` does not already speak of.
 void AppendFieldViolations(const google::rpc::Status& details, std::string& message) {
@@ -35,7 +38,10 @@ absl::Status FromRpc(const grpc::Status& status) {
   absl::Status result(static_cast<absl::StatusCode>(status.error_code()), message);
   for (const google::protobuf::Any& detail : details.details()) {
     google::rpc::ErrorInfo info;
-    if (detail.UnpackTo(&info)) result.SetPayload(kReasonPayload, absl::Cord(info.reason()));
+    if (!detail.UnpackTo(&info)) continue;
+    result.SetPayload(kReasonPayload, absl::Cord(info.reason()));
+    const auto frame = info.metadata().find("frame");
+    if (frame != info.metadata().end()) result.SetPayload(kFramePayload, absl::Cord(frame->second));
   }
   return result;
 }
@@ -45,6 +51,14 @@ bool IsTransient(const absl::Status& status) {
 }
 
 bool IsLost(const absl::Status& status) { return status.GetPayload(kReasonPayload) == absl::Cord("FILE_LOST"); }
+
+std::optional<int> LostFrame(const absl::Status& status) {
+  if (!IsLost(status)) return std::nullopt;
+  const auto text = status.GetPayload(kFramePayload);
+  int frame = 0;
+  if (!text || !absl::SimpleAtoi(std::string(*text), &frame) || frame < 0) return std::nullopt;
+  return frame;
+}
 
 absl::Status FromProto(const google::rpc::Status& status) {
   return absl::Status(static_cast<absl::StatusCode>(status.code()), status.message());

@@ -6,6 +6,7 @@
 
 #include <grpcpp/support/status.h>
 
+#include <optional>
 #include <string_view>
 #include <utility>
 
@@ -37,6 +38,8 @@ bool IsTransient(const absl::Status& status);
 
 // Whether the server has lost what was asked for: asking again does not help.
 bool IsLost(const absl::Status& status);
+// Which frame that is, of an output that is made of frames. nullopt if it is none, or nothing is lost.
+std::optional<int> LostFrame(const absl::Status& status);
 
 // The status inside a message: of a violation, of a failed job.
 absl::Status FromProto(const google::rpc::Status& status);

@@ -1,6 +1,7 @@
 """Starting, stopping, cancelling, and running out of disk: what the server promises to those who operate it."""
 
 import contextlib
+import json
 import os
 import shutil
 import subprocess
@@ -104,6 +105,40 @@ class LifecycleTest(harness.IntegrationTest):
             self.assertTrue(server.is_serving())
             server.kill()
             self.assertFalse(server.is_serving())
+
+
+class LostFilesTest(harness.IntegrationTest):
+    """Somebody deletes files of a result on the server's disk: what is left is of use, and what is lost is named."""
+
+    def test_fetch_brings_all_that_is_left(self):
+        harness.Recording(color_frames=9).write(self.folder / "recording")
+        order = ["submit", self.folder / "recording", "--method", "hold"]
+        with Server(self.folder / "data") as server:
+            name = check(server.client(*order, "--wait")).stdout.strip()
+            out = server.data_dir / name / "out"
+            for file in ("depth/000002.png", "depth/000005.png", "depth/000006.png", "provenance/000000.png",
+                         "report.json"):
+                (out / file).unlink()
+            for again in range(2):
+                with self.subTest(again=again):
+                    fetched = server.client("fetch", name, "-o", self.folder / "out")
+                    self.assertEqual(fetched.returncode, harness.EXIT_FAILED)
+                    self.assertIn("3 frames of depth (2, 5-6), 1 frame of provenance (0) and report.json are lost",
+                                  fetched.stderr)
+                    self.assertIn(f"depthtween delete {name}", fetched.stderr)
+                    self.assertEqual(harness.result_files(self.folder / "out").keys() - {".fetch.json"},
+                                     {file for file in harness.result_files(out) if not file.startswith("interval")})
+            told = json.loads(server.client("fetch", name, "-o", self.folder / "out", "--json").stdout)
+            self.assertFalse(told["complete"])
+            self.assertEqual(told["lost"], [{"output": f"{name}/outputs/depth", "frames": [2, 5, 6]},
+                                            {"output": f"{name}/outputs/provenance", "frames": [0]},
+                                            {"output": f"{name}/outputs/report"}])
+            # What it says to do about it.
+            check(server.client("delete", name))
+            again = server.client_json(*order, "-o", self.folder / "anew")
+            self.assertTrue(again["output"]["complete"])
+            self.assertEqual(again["output"]["lost"], [])
+            self.assertEqual(len(list((self.folder / "anew" / "depth").glob("*.png"))), 9)
 
 
 class SmallDisk:

@@ -2,6 +2,7 @@
 
 #include "client/cli/common.h"
 #include "client/cli/job_progress.h"
+#include "client/cli/lost_files.h"
 #include "client/cli/progress_line.h"
 
 namespace depthtween::cli {
@@ -105,6 +106,30 @@ TEST(DescribeOptions, AreTheFlagsOfTheOrder) {
   flow.add_formats(v1::SceneFlowOptions::FORMAT_KITTI);
   flow.set_every(2);
   EXPECT_EQ(DescribeOptions(job), "asked for: --method pd-flow --format npz,kitti --every 2\n");
+}
+
+TEST(DescribeLost, SaysHowManyWhichAndWhatToDo) {
+  EXPECT_EQ(DescribeLost("jobs/7", {{.output = "jobs/7/outputs/report", .place = "report.json"}}, "out"),
+            "jobs/7: report.json is lost from the server's disk; all else that is ready is in out. To have it made "
+            "anew, 'depthtween delete jobs/7', then submit again");
+  const std::vector<client::LostOutput> lost = {
+      {.output = "jobs/7/outputs/depth", .place = "depth", .frames = {3, 8, 9, 10}},
+      {.output = "jobs/7/outputs/dof", .place = "dof\x1b", .frames = {0}},
+      {.output = "jobs/7/outputs/report", .place = "report.json"}};
+  EXPECT_EQ(DescribeLost("jobs/7", lost, "out"),
+            "jobs/7: 4 frames of depth (3, 8-10), 1 frame of dof? (0) and report.json are lost from the server's disk; "
+            "all else that is ready is in out. To have them made anew, 'depthtween delete jobs/7', then submit again");
+  EXPECT_EQ(LostToJson(lost).dump(),
+            R"([{"frames":[3,8,9,10],"output":"jobs/7/outputs/depth"},{"frames":[0],"output":"jobs/7/outputs/dof"},)"
+            R"({"output":"jobs/7/outputs/report"}])");
+}
+
+// A line for people ends; --json has the rest.
+TEST(DescribeLost, CutsALongList) {
+  client::LostOutput lost = {.output = "jobs/7/outputs/depth", .place = "depth"};
+  for (int i = 0; i < 40; i += 2) lost.frames.push_back(i);
+  EXPECT_NE(DescribeLost("jobs/7", {lost}, "out").find("20 frames of depth (0, 2, 4, 6, 8, 10, 12, 14, and 12 more)"),
+            std::string::npos);
 }
 
 // The columns are those of `depthtween-core upsample --self-check`; control characters of a server's text are not

@@ -228,6 +228,19 @@ TEST_F(ClientTest, ARetryWhoseAnswerWasLostIsNoFailure) {
   EXPECT_TRUE(absl::IsFailedPrecondition(SubmitJob(*connection_, v1::Job()).status()));
 }
 
+// The first try deletes the job and its answer is lost: the second finds none. A name that never was is still an error.
+TEST_F(ClientTest, ADeleteWhoseAnswerWasLostIsNoFailure) {
+  const auto remove = [&] {
+    return connection_->Remove(connection_->jobs(), &v1::JobService::StubInterface::DeleteJob, v1::DeleteJobRequest());
+  };
+  server_.jobs.unanswered_deletes = 1;
+  const absl::Status removed = remove();
+  EXPECT_TRUE(removed.ok()) << removed;
+  EXPECT_EQ(server_.jobs.deletes, 2);
+  EXPECT_TRUE(absl::IsNotFound(remove()));
+  EXPECT_EQ(server_.jobs.deletes, 3);
+}
+
 // The line is cut after the first event; the watcher must name that event's token, see each event once, and end with
 // the job's own record.
 TEST_F(ClientTest, WatchGoesOnAfterTheEventItSawLast) {
@@ -328,17 +341,56 @@ TEST_F(FetchTest, AFrameWithoutBytesLeavesNoFile) {
   EXPECT_FALSE(folder_.Has("out/depth/frame2.png"));
 }
 
-// Once said, it is not asked for again; nor does it count as not ready yet, which would make one fetch for ever.
-TEST_F(FetchTest, WhatTheServerHasLostIsAnError) {
-  server_.outputs.lost_frame = 1;
-  EXPECT_THAT(std::string(Fetch().status().message()), HasSubstr("lost"));
-  EXPECT_THAT(server_.outputs.start_frames, ElementsAre(0)) << "it is not asked for again";
-  server_.outputs.lost_frame = -1;
+// All else is fetched, and what is lost is named: neither done nor not ready yet, which would make one fetch for ever.
+TEST_F(FetchTest, WhatTheServerHasLostIsLeftOutAndNamed) {
+  server_.outputs.lost_frames = {0, 2};
   server_.outputs.report_is_lost = true;
-  const absl::Status lost = Fetch().status();
-  EXPECT_TRUE(absl::IsDataLoss(lost)) << lost;
-  EXPECT_TRUE(folder_.Has("out/depth/frame2.png"));
+  auto summary = Fetch();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_FALSE(summary->complete);
+  EXPECT_EQ(summary->progress.frames_done, 1);
+  ASSERT_EQ(summary->lost.size(), 2U);
+  EXPECT_EQ(summary->lost[0].output, "jobs/1/outputs/depth");
+  EXPECT_EQ(summary->lost[0].place, "depth");
+  EXPECT_THAT(summary->lost[0].frames, ElementsAre(0, 2));
+  EXPECT_EQ(summary->lost[1].place, "report.json");
+  EXPECT_THAT(summary->lost[1].frames, ElementsAre());
+  EXPECT_EQ(folder_.Read("out/depth/frame1.png"), server_.outputs.frames[1]);
+  EXPECT_FALSE(folder_.Has("out/depth/frame0.png"));
   EXPECT_FALSE(folder_.Has("out/report.json"));
+  EXPECT_THAT(server_.outputs.start_frames, ElementsAre(0, 1, 3)) << "each is asked for once";
+
+  // Asked again, it says the same; what was put back comes, and what there is already does not.
+  server_.outputs.lost_frames = {2};
+  server_.outputs.start_frames.clear();
+  summary = Fetch();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_FALSE(summary->complete);
+  EXPECT_THAT(summary->lost[0].frames, ElementsAre(2));
+  EXPECT_EQ(summary->progress.frames_done, 2);
+  EXPECT_THAT(server_.outputs.start_frames, ElementsAre(0, 2, 3));
+  server_.outputs.lost_frames.clear();
+  server_.outputs.report_is_lost = false;
+  summary = Fetch();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_TRUE(summary->complete);
+  EXPECT_THAT(summary->lost, testing::IsEmpty());
+  ExpectWhole();
+}
+
+// Who does not ask for what is lost to be left out gets an error, once.
+TEST_F(FetchTest, ALostFrameEndsAStreamThatNeedsIt) {
+  server_.outputs.lost_frames = {1};
+  v1::StreamFramesRequest request;
+  request.set_name("jobs/1/outputs/depth");
+  std::vector<int> seen;
+  const absl::Status status = StreamFrames(*connection_, request, [&](const Frame& frame) {
+    seen.push_back(frame.index);
+    return absl::OkStatus();
+  });
+  EXPECT_TRUE(absl::IsDataLoss(status)) << status;
+  EXPECT_THAT(seen, ElementsAre(0));
+  EXPECT_THAT(server_.outputs.start_frames, ElementsAre(0));
 }
 
 TEST_F(FetchTest, DoesNotMixResults) {

@@ -6,9 +6,12 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include <algorithm>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -156,6 +159,12 @@ class FakeJobs : public v1::JobService::Service {
     answer->mutable_end_time()->set_seconds(1);
     return Status::OK;
   }
+  Status DeleteJob(ServerContext*, const v1::DeleteJobRequest*, google::protobuf::Empty*) override {
+    deletes += 1;
+    const bool was_there = std::exchange(exists, false);
+    if (deletes <= unanswered_deletes) return {StatusCode::UNAVAILABLE, "the answer was lost"};
+    return was_there ? Status::OK : Status(StatusCode::NOT_FOUND, "there is no such job");
+  }
   // Sends `events` after the one that resume_token names, and cuts the line once, after the first of them.
   Status WatchJob(ServerContext*, const v1::WatchJobRequest* request,
                   grpc::ServerWriter<v1::JobEvent>* stream) override {
@@ -171,6 +180,9 @@ class FakeJobs : public v1::JobService::Service {
 
   v1::Job::State state_of_created = v1::Job::STATE_QUEUED, state_of_asked = v1::Job::STATE_SUCCEEDED;
   int away_at_retry = 0;  // the number of the retry that gets through but is not answered; 0: none
+  bool exists = true;
+  int unanswered_deletes = 0;  // the first ones get through but are not answered
+  int deletes = 0;
   std::vector<v1::JobEvent> events;
   std::vector<std::string> request_ids, resume_tokens;
   int retries = 0;
@@ -196,8 +208,9 @@ class FakeOutputs : public v1::OutputService::Service {
   Status StreamFrames(ServerContext*, const v1::StreamFramesRequest* request,
                       grpc::ServerWriter<v1::FrameChunk>* stream) override {
     start_frames.push_back(request->start_frame());
-    for (int i = request->start_frame(); i < frames_ready; ++i) {
-      if (i == lost_frame) return Lost();
+    const int end = request->end_frame() == 0 ? frames_ready : std::min(frames_ready, request->end_frame());
+    for (int i = request->start_frame(); i < end; ++i) {
+      if (lost_frames.count(i) != 0) return Lost(i);
       // A frame without bytes takes a message too.
       for (size_t offset = 0; offset == 0 || offset < frames[i].size(); offset += kChunk) {
         chunks += 1;
@@ -219,9 +232,10 @@ class FakeOutputs : public v1::OutputService::Service {
     return Status::OK;
   }
   // As a server says it of what it made and has no more.
-  static Status Lost() {
+  static Status Lost(int frame = -1) {
     google::rpc::ErrorInfo info;
     info.set_reason("FILE_LOST");
+    if (frame >= 0) (*info.mutable_metadata())["frame"] = absl::StrCat(frame);
     google::rpc::Status details;
     details.add_details()->PackFrom(info);
     return {StatusCode::DATA_LOSS, "its file is lost from the server's disk", details.SerializeAsString()};
@@ -243,7 +257,7 @@ class FakeOutputs : public v1::OutputService::Service {
   std::string frame_folder;        // empty: as an earlier server
   std::vector<std::string> stems;  // empty: frame0, frame1, ...
   int frames_ready = 0;
-  int lost_frame = -1;
+  std::set<int> lost_frames;
   bool report_is_lost = false;
   std::string report = "{\"frames\": 3}";
   int away_at_chunk = 0, damage_at_chunk = 0, chunks = 0;
