@@ -104,7 +104,7 @@ absl::Status Serve(const ServeOptions& options) {
   Sequences sequences(*store, *blobs, options.limits, [&jobs] { jobs->Wake(); });
   Health health;
   ASSIGN_OR_RETURN(const std::unique_ptr<RpcServer> server,
-                   RpcServer::Start(options.rpc, options.limits, sequences, *jobs, health));
+                   RpcServer::Start(options.rpc, options.limits, *directory, sequences, *jobs, health));
 
   const std::string address = BoundAddress(options.rpc, server->port());
   if (!options.port_file.empty()) RETURN_IF_ERROR(WriteFile(options.port_file, absl::StrCat(server->port(), "\n")));

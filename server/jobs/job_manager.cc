@@ -272,7 +272,9 @@ absl::Status Manager::Delete(std::string_view id) {
     RETURN_IF_ERROR(store_.DeleteJob(id));
     hub_.Forget(id);
   }
-  return directory_.Discard(directory_.JobFolder(id));
+  return WithContext(
+      directory_.Discard(directory_.JobFolder(id)),
+      absl::StrCat("jobs/", std::string(id), " is deleted, but its files stay until the server starts anew"));
 }
 
 absl::StatusOr<JobView> Manager::Cancel(std::string_view id) {

@@ -165,7 +165,8 @@ absl::StatusOr<Page<SequenceRecord>> Sequences::List(const SequenceFilter& filte
 absl::Status Sequences::Delete(std::string_view id) {
   // Rows first: a crash in between leaves files that nobody names, which the next start removes.
   RETURN_IF_ERROR(store_.DeleteSequence(id));
-  return blobs_.Remove(id);
+  return WithContext(blobs_.Remove(id), absl::StrCat("sequences/", std::string(id),
+                                                     " is deleted, but its files stay until the server starts anew"));
 }
 
 absl::StatusOr<UploadRecord> Sequences::StartUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,

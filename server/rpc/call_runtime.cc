@@ -37,7 +37,8 @@ LogLevel LevelOf(absl::StatusCode code) {
 
 }  // namespace
 
-CallRuntime::CallRuntime(int threads, int max_calls) : max_calls_(max_calls), executor_(threads) {}
+CallRuntime::CallRuntime(const DataDirectory& directory, int threads, int max_calls)
+    : directory_(directory), max_calls_(max_calls), executor_(threads) {}
 
 CallRuntime::~CallRuntime() {
   std::unique_lock lock(mutex_);
@@ -118,7 +119,7 @@ grpc::Status Call::Answer(const absl::Status& status) const {
        {"request", names_.request_id},
        {"peer", peer_},
        {"detail", std::string(status.message())}});
-  return ToGrpcStatus(status, names_);
+  return ToGrpcStatus(runtime_.directory_.WithoutPath(status), names_);
 }
 
 absl::Status CatchExceptions(const std::function<absl::Status()>& work) {

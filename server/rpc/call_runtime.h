@@ -17,6 +17,7 @@
 #include "core/base/status.h"
 #include "server/rpc/executor.h"
 #include "server/rpc/status.h"
+#include "server/store/data_directory.h"
 
 namespace grpc {
 class CallbackServerContext;
@@ -35,8 +36,8 @@ class Stoppable {
 class CallRuntime {
  public:
   // Threads: enough that a few slow disk reads do not keep short calls waiting; they sleep otherwise.
-  // Calls in flight beyond `max_calls` are answered ServerBusy().
-  CallRuntime(int threads, int max_calls);
+  // Calls in flight beyond `max_calls` are answered ServerBusy(). Borrows `directory`, whose place no answer names.
+  CallRuntime(const DataDirectory& directory, int threads, int max_calls);
   // Waits until every call has been answered and forgotten.
   ~CallRuntime();
 
@@ -57,6 +58,7 @@ class CallRuntime {
   absl::Status Admit();
   void Leave();
 
+  const DataDirectory& directory_;
   const int max_calls_;
   std::mutex mutex_;
   std::condition_variable none_left_;
@@ -80,7 +82,7 @@ class Call {
   const absl::Status& admission() const { return admission_; }
   // For calls that name their resource only later.
   void SetSubject(std::string_view subject) { names_.subject = std::string(subject); }
-  // What to finish the call with; logs it. Call it once.
+  // What to finish the call with: the status without the server's paths, which its log keeps. Call it once.
   grpc::Status Answer(const absl::Status& status) const;
 
  private:

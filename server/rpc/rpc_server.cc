@@ -100,7 +100,8 @@ absl::Status RpcServerOptions::Validate() const {
 }
 
 absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptions& options, const Limits& limits,
-                                                            Sequences& sequences, JobManager& jobs, Health& health) {
+                                                            const DataDirectory& directory, Sequences& sequences,
+                                                            JobManager& jobs, Health& health) {
   RETURN_IF_ERROR(options.Validate());
   static std::once_flag once;
   std::call_once(once, [] {
@@ -109,7 +110,7 @@ absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptio
   });
 
   std::unique_ptr<RpcServer> result(new RpcServer(health));
-  result->runtime_ = std::make_unique<CallRuntime>(options.call_threads, options.max_calls);
+  result->runtime_ = std::make_unique<CallRuntime>(directory, options.call_threads, options.max_calls);
   CallRuntime& runtime = *result->runtime_;
   result->services_.push_back(MakeSequenceService(runtime, sequences, jobs, limits));
   result->services_.push_back(MakeJobService(runtime, jobs, limits, options.watch_heartbeat));

@@ -11,6 +11,7 @@
 #include "core/base/status.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/sequences.h"
+#include "server/store/data_directory.h"
 #include "server/store/limits.h"
 #include "server/telemetry/health.h"
 
@@ -45,7 +46,8 @@ class RpcServer {
   // Binds the port and starts to serve. Borrows all but the options and the limits; they must outlive it.
   // InvalidArgument for options; FailedPrecondition if the address cannot be had.
   static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const RpcServerOptions& options, const Limits& limits,
-                                                          Sequences& sequences, JobManager& jobs, Health& health);
+                                                          const DataDirectory& directory, Sequences& sequences,
+                                                          JobManager& jobs, Health& health);
   // As Stop with no patience, if that was not called.
   ~RpcServer();
   RpcServer(const RpcServer&) = delete;

@@ -12,7 +12,6 @@
 #include <string>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/str_replace.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 
@@ -75,7 +74,24 @@ DataDirectory::~DataDirectory() {
 
 absl::Status DataDirectory::WithoutPath(const absl::Status& status) const {
   if (status.ok()) return status;
-  absl::Status told(status.code(), absl::StrReplaceAll(status.message(), {{path_ + "/", ""}}));
+  const std::string_view said(status.message().data(), status.message().size());
+  std::string words;
+  size_t from = 0;
+  for (size_t at = 0; (at = said.find(path_, from)) != std::string_view::npos;) {
+    const size_t after = at + path_.size();
+    const char next = after < said.size() ? said[after] : '\0';
+    words += said.substr(from, at - from);
+    from = after;
+    if (next == '/') {
+      ++from;
+    } else if (next == '_' || next == '-' || absl::ascii_isalnum(next)) {
+      words += path_;  // another folder, whose name begins alike
+    } else {
+      words += "the data folder";
+    }
+  }
+  words += said.substr(from);
+  absl::Status told(status.code(), words);
   status.ForEachPayload([&told](absl::string_view type, const absl::Cord& payload) { told.SetPayload(type, payload); });
   return told;
 }

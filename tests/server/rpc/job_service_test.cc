@@ -9,6 +9,7 @@ namespace depthtween::server {
 namespace {
 
 using testing::HasSubstr;
+using testing::Not;
 
 class JobServiceTest : public RpcTest {
  protected:
@@ -252,6 +253,17 @@ TEST_F(JobServiceTest, UnknownIdsAreNotFound) {
   const grpc::Status status = Create(Request("sequences/0123456789abcdef"), &job);
   EXPECT_THAT(status, Fails(grpc::NOT_FOUND, "NO_SUCH_RESOURCE"));
   EXPECT_EQ(Detail<google::rpc::ResourceInfo>(status)->resource_type(), "depthtween/Sequence");
+}
+
+// The folder for what is deleted is a file: the job's cannot be moved there.
+TEST_F(JobServiceTest, ADeleteThatFailsNamesNoPathOfTheServer) {
+  const v1::Job job = CreateJob(ReadySequence());
+  WaitUntilEnded(job.name());
+  std::filesystem::rename(directory().path() + "/trash", directory().path() + "/elsewhere");
+  WriteText(directory().path() + "/trash", "a file where a folder is to be");
+  const grpc::Status status = Delete(job.name());
+  EXPECT_THAT(status.error_message(), HasSubstr(job.name() + " is deleted, but its files stay"));
+  EXPECT_THAT(status.error_message(), Not(HasSubstr(directory().path())));
 }
 
 TEST_F(JobServiceTest, TheWrongStateIsAFailedPrecondition) {

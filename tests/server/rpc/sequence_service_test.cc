@@ -8,6 +8,9 @@
 namespace depthtween::server {
 namespace {
 
+using testing::HasSubstr;
+using testing::Not;
+
 class SequenceServiceTest : public RpcTest {
  protected:
   grpc::Status Create(const std::string& display_name, const std::string& request_id, v1::Sequence* sequence) {
@@ -356,6 +359,26 @@ TEST_F(SequenceServiceTest, ANewerStreamTakesOver) {
       << older_status.error_message();
   ASSERT_THAT(GetUpload(name, &upload), Succeeds());
   EXPECT_EQ(upload.committed_size(), 10);
+}
+
+// A disk on which the right things are in the wrong place: each call then fails in its own system call, whose error
+// names the file, and no client is told where on the server that is.
+TEST_F(SequenceServiceTest, ErrorsNameNoPathOfTheServer) {
+  const auto expect_hidden = [this](const grpc::Status& status, const std::string& named) {
+    EXPECT_THAT(status.error_message(), HasSubstr(named));
+    EXPECT_THAT(status.error_message(), Not(HasSubstr(directory().path())));
+    EXPECT_THAT(status.error_details(), Not(HasSubstr(directory().path())));
+  };
+  const v1::Sequence sequence = CreateSequence();
+  const v1::Upload upload = StartUpload(sequence.name(), {{"a/b", "bytes"}});
+  WriteText(directory().path() + "/" + sequence.name(), "a file where a folder is to be");
+  v1::Upload written;
+  expect_hidden(WriteUpload(upload.name(), "bytes", 0, 5, /*finish=*/true, &written), "create " + sequence.name());
+
+  std::filesystem::rename(directory().path() + "/trash", directory().path() + "/elsewhere");
+  WriteText(directory().path() + "/trash", "a file where a folder is to be");
+  expect_hidden(Delete(sequence.name()), sequence.name() + " is deleted, but its files stay");
+  EXPECT_THAT(Delete(sequence.name()), Fails(grpc::NOT_FOUND, "NO_SUCH_RESOURCE"));
 }
 
 TEST_F(SequenceServiceTest, CommitNeedsFinishedUploads) {

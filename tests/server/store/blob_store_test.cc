@@ -82,6 +82,12 @@ TEST(DataDirectory, KeepsItsPlaceToItself) {
   EXPECT_EQ(told.message(), "jobs/7/out/a: is not tasks/3/b");
   EXPECT_THAT(told, HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   EXPECT_THAT(directory->WithoutPath(absl::OkStatus()), IsOk());
+  const std::string& path = directory->path();
+  EXPECT_EQ(directory->WithoutPath(absl::InternalError("statvfs " + path + ": no")).message(),
+            "statvfs the data folder: no");
+  EXPECT_EQ(directory->WithoutPath(absl::InternalError("in " + path)).message(), "in the data folder");
+  const std::string other = path + "2/x is not " + path + "-3";
+  EXPECT_EQ(directory->WithoutPath(absl::InternalError(other)).message(), other);
 }
 
 TEST(DataDirectory, SweepsWhatAnEarlierProcessDiscarded) {
