@@ -19,6 +19,8 @@ constexpr double kMaxDriftPpm = 1e5;
 // a pixel.
 constexpr double kJitterSigmas = 4.0;
 constexpr double kCoincident = 0.02;
+// What jitter does not explain may be as many, one in so many: stamps of frames that were late.
+constexpr size_t kOutliers = 20;
 
 double Median(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
@@ -93,13 +95,21 @@ Sequence CorrectDepthStamps(const Sequence& sequence, const ClockModel& clock) {
 Sequence PairDepthWithinJitter(const Sequence& sequence) {
   const double jitter = std::hypot(static_cast<double>(StampJitterNs(sequence.color)),
                                    static_cast<double>(StampJitterNs(sequence.depth)));
-  const double near =
-      std::max(kJitterSigmas * jitter, kCoincident * static_cast<double>(MedianPeriodNs(sequence.color)));
   Sequence paired = sequence;
+  std::vector<double> distances;
   for (FrameRef& frame : paired.depth) {
     const int64_t color_ns = sequence.color[NearestColorFrame(sequence, frame.time_ns)].time_ns;
-    if (static_cast<double>(std::llabs(frame.time_ns - color_ns)) <= near) frame.time_ns = color_ns;
+    distances.push_back(static_cast<double>(std::llabs(frame.time_ns - color_ns)));
+    frame.time_ns = color_ns;
   }
+  const auto unexplained = std::count_if(distances.begin(), distances.end(),
+                                         [&](double distance) { return distance > kJitterSigmas * jitter; });
+  const double coincident = kCoincident * static_cast<double>(MedianPeriodNs(sequence.color));
+  const double near = unexplained <= static_cast<ptrdiff_t>(distances.size() / kOutliers)
+                          ? std::max(kJitterSigmas * jitter, coincident)
+                          : coincident;
+  for (size_t k = 0; k < distances.size(); ++k)
+    if (distances[k] > near) paired.depth[k].time_ns = sequence.depth[k].time_ns;
   // Back to its own stamp what would no longer come after the frame before and before the one after. One that goes back
   // may stand in the way of its neighbour: until nothing changes.
   for (bool changed = true; changed;) {
