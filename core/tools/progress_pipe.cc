@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/tools/render_options.h"
+#include "core/tools/render_run.h"
 
 namespace depthtween::tools {
 
@@ -28,6 +29,7 @@ void ProgressPipe::SendError(const absl::Status& status) {
   nlohmann::json error = {{"code", absl::StatusCodeToString(status.code())},
                           {"message", std::string(status.message().data(), status.message().size())}};
   if (const std::string field = FieldOf(status); !field.empty()) error["field"] = field;
+  if (nlohmann::json lost = LostOf(status); !lost.is_null()) error["lost"] = std::move(lost);
   Send({{"error", std::move(error)}});
 }
 

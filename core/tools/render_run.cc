@@ -30,16 +30,21 @@ struct LoadedFrame {
   RenderView view() const { return {.color = color, .depth_m = depth_m}; }
 };
 
+constexpr char kLostPayload[] = "depthtween/lost";
+
 // Reads what a result says of one colour frame. NotFound when the frame is not in it.
 absl::StatusOr<Image<float>> ReadDepth(const RenderInput& input, int frame) {
   const Sequence& sequence = input.recording->sequence();
-  return ReadResultDepth(input.result, sequence.color[frame].Stem(), sequence.depth_scale);
+  auto depth = ReadResultDepth(input.result, sequence.color[frame].Stem(), sequence.depth_scale);
+  if (absl::IsNotFound(depth.status()) && input.was_made) RETURN_IF_ERROR(input.was_made(frame, /*motion=*/false));
+  return depth;
 }
 
 absl::StatusOr<FrameMotion> ReadMotion(const RenderInput& input, int frame) {
   absl::StatusOr<FrameMotion> motion = ReadResultMotion(input.result, input.recording->sequence().color[frame].Stem());
-  if (absl::IsNotFound(motion.status())) return FrameMotion();
-  return motion;
+  if (!absl::IsNotFound(motion.status())) return motion;
+  if (input.was_made) RETURN_IF_ERROR(input.was_made(frame, /*motion=*/true));
+  return FrameMotion();
 }
 
 // The frames around the one that is rendered, each read once while the window slides over it.
@@ -74,7 +79,9 @@ class FrameWindow {
   absl::StatusOr<LoadedFrame> Load(int frame) const {
     LoadedFrame loaded;
     ASSIGN_OR_RETURN(loaded.depth_m, ReadDepth(input_, frame));
-    ASSIGN_OR_RETURN(loaded.color, input_.recording->Color(frame));
+    absl::StatusOr<Image<Rgb8>> color = input_.recording->Color(frame);
+    if (absl::IsNotFound(color.status())) return LostError("color", frame);  // the recording was whole
+    ASSIGN_OR_RETURN(loaded.color, std::move(color));
     if (!loaded.color.view().SameSize(loaded.depth_m.view()))
       return absl::DataLossError(absl::StrFormat(
           "frame %d: colour is %d x %d pixels, its depth %d x %d: they must agree", frame, loaded.color.width(),
@@ -332,6 +339,18 @@ absl::StatusOr<StereoGeometry> Geometry(const StereoRender& stereo, const Sequen
 }
 
 }  // namespace
+
+absl::Status LostError(std::string_view what, int frame) {
+  const std::string name(what);
+  absl::Status status = absl::DataLossError(absl::StrFormat("the %s of frame %d was made, but is lost", name, frame));
+  status.SetPayload(kLostPayload, absl::Cord(json({{"what", name}, {"frame", frame}}).dump()));
+  return status;
+}
+
+json LostOf(const absl::Status& status) {
+  const auto lost = status.GetPayload(kLostPayload);
+  return lost ? json::parse(std::string(*lost)) : json();
+}
 
 json ToJson(const RenderPart& part) {
   json value = {{"first_frame", part.first_frame},

@@ -14,6 +14,7 @@
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/base/status.h"
@@ -35,7 +36,15 @@ struct RenderInput {
   const FrameSource* recording = nullptr;  // its colours
   std::string result;                      // folder with their depth, and their motion if it was kept
   ClipConstants constants;
+  // Asked of a frame whose depth, or motion, is not in the result: OK if it was never made, DataLoss if it was. Empty:
+  // nobody knows. May be called concurrently.
+  std::function<absl::Status(int frame, bool motion)> was_made = nullptr;
 };
+
+// The error of what was made and is gone from a result: "depth", "motion" or "color" of a frame. DataLoss.
+absl::Status LostError(std::string_view what, int frame);
+// {"what": "motion", "frame": 3} of such an error; null of any other.
+nlohmann::json LostOf(const absl::Status& status);
 
 // What a run of consecutive frames leaves beside its pictures: facts for the report, and where a followed focus stood,
 // so that the frames after or before go on from there. Its JSON form is exact.
@@ -63,7 +72,8 @@ class Renderer {
 
   // Renders frames [first, first + count). `near` may hold a part right before or after them, which saves following the
   // focus from its start. Errors: NotFound if one of these frames is not in the result; a neighbour that is missing is
-  // done without, and so is motion. Cancelled when `stop` fires; what `sink` returns.
+  // done without, and so is motion, unless they are lost: DataLoss, see LostError. Cancelled when `stop` fires; what
+  // `sink` returns.
   virtual absl::StatusOr<RenderPart> Run(int first, int count, const RenderPart* near, int threads,
                                          std::stop_token stop, const PictureSink& sink) = 0;
 

@@ -232,6 +232,27 @@ absl::Status PlanTask(const Task& task) {
   return WriteFile(task.arguments.out, Dump({{"renders", std::move(plans)}}));
 }
 
+// Of a result that may still grow: what an interval has left is there when its report is, so a file of it that is
+// missing then is lost. Intervals of earlier versions did not count the frames that have motion.
+absl::Status WasMade(const std::string& result, const Sequence& sequence, const ClipPlan& clip, int frame,
+                     bool motion) {
+  const auto interval = std::find_if(clip.intervals.begin(), clip.intervals.end(), [&](const Interval& i) {
+    return frame >= i.first_frame && frame < i.first_frame + i.frame_count;
+  });
+  if (interval == clip.intervals.end()) return absl::OkStatus();
+  const absl::StatusOr<std::string> text = ReadFile(IntervalReportPath(result, interval->index));
+  if (!text.ok()) return absl::OkStatus();
+  const auto is_there = [&](const std::string& name) { return FileExists(JoinPath(result, name)); };
+  if (!motion)
+    return is_there(ResultDepthName(sequence.color[frame].Stem())) ? absl::OkStatus() : LostError("depth", frame);
+  ASSIGN_OR_RETURN(const IntervalReport report, ParseIntervalReport(*text));
+  int left = 0;
+  for (int i = interval->first_frame; i < interval->first_frame + interval->frame_count; ++i) {
+    left += is_there(ResultMotionName(sequence.color[i].Stem())) ? 1 : 0;
+  }
+  return left >= report.motion_frames ? absl::OkStatus() : LostError("motion", frame);
+}
+
 absl::Status RenderTask(const Task& task) {
   const TaskArguments& arguments = task.arguments;
   ASSIGN_OR_RETURN(const Input input, OpenInput(arguments));
@@ -245,7 +266,13 @@ absl::Status RenderTask(const Task& task) {
   const ClipSource source(*input.recording, clip.clock, input.options.key_every);
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(*options, sequence, path));
-  ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(*options, {&source, arguments.result, clip.constants}, path));
+  ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(*options,
+                                                         {&source, arguments.result, clip.constants,
+                                                          [&](int frame, bool motion) {
+                                                            return WasMade(arguments.result, sequence, clip, frame,
+                                                                           motion);
+                                                          }},
+                                                         path));
   ASSIGN_OR_RETURN(const PictureFolders folders, PictureFolders::Create(arguments.out, *options, plan));
   // Where the pieces beside this one left the focus, if they are there.
   const auto read_part = [&](int interval) -> std::optional<RenderPart> {
@@ -284,8 +311,13 @@ absl::Status RenderOneFrame(const Task& task) {
   ASSIGN_OR_RETURN(const ClipPlan clip, ReadClipPlan(arguments, input));
   ASSIGN_OR_RETURN(const RenderOptions options, ParseRender(input.render, "render"));
   const ClipSource source(*input.recording, clip.clock, input.options.key_every);
-  ASSIGN_OR_RETURN(const auto renderer,
-                   Renderer::Create(options, {&source, arguments.result, clip.constants}, "render"));
+  ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(options,
+                                                         {&source, arguments.result, clip.constants,
+                                                          [&](int frame, bool motion) {
+                                                            return WasMade(arguments.result, source.sequence(), clip,
+                                                                           frame, motion);
+                                                          }},
+                                                         "render"));
   std::vector<Image<Rgb8>> rendered;
   const auto sink = [&](int, std::vector<Image<Rgb8>> pictures) {
     rendered = std::move(pictures);

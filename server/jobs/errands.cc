@@ -141,8 +141,11 @@ absl::StatusOr<std::string> Errands::RunOne(const ErrandOrder& order, const std:
                                                  .file_bytes = options_.child_file_bytes,
                                                  .grace = options_.grace,
                                                  .time_limit = options_.time_limit},
-                                                stop, [&said](std::string_view line) {
-                                                  if (auto error = ParseProgressLine(line).error) said = error;
+                                                stop, [&](std::string_view text) {
+                                                  const ProgressLine line = ParseProgressLine(text);
+                                                  if (line.error) said = line.error;
+                                                  if (line.lost)
+                                                    said = LostStatus(*line.lost, order.job_id, order.sequence_id);
                                                   return true;
                                                 });
   if (!child.ok()) return WithContext(child.status(), "start of depthtween-core");

@@ -34,8 +34,9 @@ struct ErrandOptions {
 // What a child is asked: `depthtween-core task <arguments> --options <file with options> --out <answer>`.
 struct ErrandOrder {
   std::vector<std::string> arguments;
-  std::string options;       // JSON
-  std::string field_prefix;  // put before the field that an InvalidArgument of the child names
+  std::string options;              // JSON
+  std::string field_prefix;         // put before the field that an InvalidArgument of the child names
+  std::string job_id, sequence_id;  // whose files it reads
 };
 
 // One errand on its way. Destroying it stops it.

@@ -339,7 +339,9 @@ absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(std::string_view id
                                        "--constants", directory_.JobFolder(job.id) + "/constants.json", "--result",
                                        directory_.OutFolder(job.id), "--frame", absl::StrCat(order.frame)},
                          .options = FrameRenderJson(options, order.options, order.jpeg),
-                         .field_prefix = ""},
+                         .field_prefix = "",
+                         .job_id = job.id,
+                         .sequence_id = job.sequence_id},
                         std::move(on_done));
 }
 

@@ -165,7 +165,13 @@ ProgressLine ParseProgressLine(std::string_view line) {
   const absl::StatusOr<ProgressLine> parsed = ReadJson<ProgressLine>(line, [](const json& value) {
     ProgressLine result;
     if (value.contains("error")) {
-      result.error = ToStatus(value.at("error"));
+      const json& error = value.at("error");
+      result.error = ToStatus(error);
+      if (error.contains("lost")) {
+        ProgressLine::Lost lost = {.what = error.at("lost").at("what"), .frame = error.at("lost").at("frame")};
+        const bool known = lost.what == "depth" || lost.what == "motion" || lost.what == "color";
+        if (known && lost.frame >= 0) result.lost = std::move(lost);
+      }
     } else if (value.contains("interval_done")) {
       const double seconds = value.at("seconds");
       // JSON has no infinity, but a double of it may overflow into one.
@@ -179,6 +185,23 @@ ProgressLine ParseProgressLine(std::string_view line) {
     return result;
   });
   return parsed.ok() ? *parsed : ProgressLine{};
+}
+
+absl::Status LostStatus(const ProgressLine::Lost& lost, std::string_view job_id, std::string_view sequence_id) {
+  const std::string job = absl::StrCat("jobs/", std::string(job_id));
+  if (lost.what == "depth") return FileLost(job + "/outputs/depth", lost.frame);
+  if (lost.what == "motion") return FileOfJobLost(job, lost.what, lost.frame);
+  const std::string sequence = absl::StrCat("sequences/", std::string(sequence_id));
+  return WithErrorInfo(
+      absl::DataLossError(
+          absl::StrCat("colour frame ", lost.frame, " of ", sequence,
+                       " was uploaded, but its file is lost from the server's disk; delete the sequence "
+                       "and upload it again")),
+      {.reason = "FILE_LOST", .metadata = {{"resource", sequence}, {"frame", absl::StrCat(lost.frame)}}});
+}
+
+int ParseMotionFrames(std::string_view text) {
+  return ReadJson<int>(text, [](const json& value) { return value.value("motion_frames", -1); }).value_or(-1);
 }
 
 absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view text, std::vector<RenderRecord> renders) {

@@ -48,8 +48,21 @@ struct ProgressLine {
   std::optional<IntervalDone> interval_done;
   std::optional<Checked> checked;
   std::optional<absl::Status> error;  // never OK; BAD_FIELD if it names a field
+  // With `error`: what the child was to read and is gone.
+  struct Lost {
+    std::string what;  // "depth", "motion" or "color"
+    int frame = 0;
+  };
+  std::optional<Lost> lost;
 };
 ProgressLine ParseProgressLine(std::string_view line);
+
+// FILE_LOST, as clients are to hear of it.
+absl::Status LostStatus(const ProgressLine::Lost& lost, std::string_view job_id, std::string_view sequence_id);
+
+// How many frames of an interval have motion, as it is in what `intervals` left beside their frames; -1 if that does
+// not say.
+int ParseMotionFrames(std::string_view json);
 
 // What `validate` printed. Internal if it is not what we agreed on.
 absl::StatusOr<ValidationResult> ParseValidation(std::string_view json);

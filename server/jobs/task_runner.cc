@@ -11,6 +11,7 @@
 #include "absl/strings/strip.h"
 #include "server/jobs/child_process.h"
 #include "server/jobs/files.h"
+#include "server/store/error_info.h"
 #include "server/store/records_json.h"
 
 namespace depthtween::server {
@@ -43,10 +44,13 @@ std::string PartReport(const Task& task, const JobRecord& job, int interval) {
 
 constexpr char kMotionFolder[] = "/motion/";
 
-bool KeepsMotion(const JobRecord& job) {
+bool NeedsMotion(const JobRecord& job) {
   return job.options.scene_flow || std::any_of(job.renders.begin(), job.renders.end(),
                                                [](const RenderRecord& render) { return render.uses_motion; });
 }
+
+// One that takes depth over keeps what the other kept, for pictures that are asked for later.
+bool KeepsMotion(const JobRecord& job) { return NeedsMotion(job) || !job.depth_from.empty(); }
 
 // What went wrong with a child that did not end well, in its own words if it had any.
 absl::Status ChildError(const Task& task, const ChildOutcome& outcome, const std::optional<absl::Status>& said) {
@@ -136,21 +140,34 @@ absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
   RETURN_IF_ERROR(constants.status());
   ASSIGN_OR_RETURN(JobPlan plan, ParsePlan(*constants));
   plan.depth_done = true;
-  // Results never change, so a second name for them is as good as a copy.
-  for (const PlannedFrame& frame : plan.frames) {
-    for (const OutputSpec& output : OutputsOf({})) {
-      if (!output.frames) continue;
-      const std::string name = absl::StrCat("/", output.file_name, "/", frame.stem, ".png");
-      RETURN_IF_ERROR(LinkFile(from + name, to + name));
-    }
-    const std::string motion = kMotionFolder + frame.stem + ".npz";
-    if (const absl::Status linked = LinkFile(from + motion, to + motion); !linked.ok() && !absl::IsNotFound(linked)) {
-      return linked;
-    }
-  }
+  const std::string other = "jobs/" + job.depth_from;
+  // Results never change, so a second name for them is as good as a copy. Whether it is there.
+  const auto link = [&](const std::string& name) -> absl::StatusOr<bool> {
+    const absl::Status linked = LinkFile(from + name, to + name);
+    if (!linked.ok() && !absl::IsNotFound(linked)) return linked;
+    return linked.ok();
+  };
+  const bool needs_motion = NeedsMotion(job);
   for (const PlannedInterval& interval : plan.intervals) {
+    int motion_frames = 0, without_motion = -1;
+    for (int i = interval.first_frame; i < interval.first_frame + interval.frame_count; ++i) {
+      const std::string& stem = plan.frames[static_cast<size_t>(i)].stem;
+      for (const OutputSpec& output : OutputsOf({})) {
+        if (!output.frames) continue;
+        ASSIGN_OR_RETURN(const bool there, link(absl::StrCat("/", output.file_name, "/", stem, ".png")));
+        if (!there) return FileLost(absl::StrCat(other, "/outputs/", output.id), i);
+      }
+      ASSIGN_OR_RETURN(const bool moves, link(kMotionFolder + stem + ".npz"));
+      moves ? ++motion_frames : without_motion = i;
+    }
     const std::string report = PartReport({.kind = TaskKind::kIntervals}, job, interval.index);
-    RETURN_IF_ERROR(LinkFile(from + report, to + report));
+    ASSIGN_OR_RETURN(const bool there, link(report));
+    if (!there) return FileOfJobLost(other, "report", interval.first_frame);
+    // Not every frame has motion; how many do was counted.
+    ASSIGN_OR_RETURN(const std::string counted, ReadWholeFile(to + report, kMaxAnswerBytes));
+    if (needs_motion && motion_frames < ParseMotionFrames(counted)) {
+      return FileOfJobLost(other, "motion", without_motion);
+    }
   }
   RETURN_IF_ERROR(LinkFile(directory_.JobFolder(job.depth_from) + "/constants.json",
                            directory_.JobFolder(job.id) + "/constants.json"));
@@ -222,6 +239,7 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
     if (line.stage) events.on_stage(*line.stage);
     if (line.checked) events.on_checked(line.checked->checked, line.checked->of);
     if (line.error) said = line.error;
+    if (line.lost) said = LostStatus(*line.lost, task.job_id, task.sequence_id);
     if (line.interval_done) {
       const int position = line.interval_done->interval - task.first_interval;
       if (position < 0 || position >= static_cast<int>(intervals.size())) {

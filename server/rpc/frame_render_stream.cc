@@ -20,6 +20,8 @@ absl::StatusOr<FrameRenderStream::Next> FrameRenderStream::Produce() {
   if (!answered_) {
     std::optional<absl::StatusOr<std::string>> answer = errand_->TakeAnswer();
     if (!answer) return Next::kWait;
+    // What is deleted meanwhile says so itself; a file that is gone otherwise is damage.
+    if (absl::IsDataLoss(answer->status())) RETURN_IF_ERROR(jobs_.Get(job_id_).status());
     ASSIGN_OR_RETURN(std::string bytes, *std::move(answer));
     answered_ = true;
     chunks_.Load(request_.frame(), std::move(header_), std::move(bytes), request_.frame() + 1);
@@ -30,7 +32,7 @@ absl::StatusOr<FrameRenderStream::Next> FrameRenderStream::Produce() {
 }
 
 absl::Status FrameRenderStream::Begin() {
-  ASSIGN_OR_RETURN(const std::string job_id, ParseJobName("job", request_.job()));
+  ASSIGN_OR_RETURN(job_id_, ParseJobName("job", request_.job()));
   if (request_.frame() < 0) {
     return InvalidField("frame", absl::StrFormat("= %d, must be >= 0", request_.frame()));
   }
@@ -41,11 +43,11 @@ absl::Status FrameRenderStream::Begin() {
                         absl::StrFormat("= %d, must be PNG or JPEG for a picture", static_cast<int>(encoding)));
   }
   ASSIGN_OR_RETURN(std::string options, RenderToJson("render", request_.render()));
-  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(job_id));
+  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(job_id_));
   const FrameRenderOrder order = {
       .frame = request_.frame(), .options = std::move(options), .jpeg = encoding == v1::ENCODING_JPEG};
-  ASSIGN_OR_RETURN(errand_, jobs_.RenderFrame(job_id, order, Waker()));
-  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, jobs_.Frames(job_id, request_.frame(), 1));
+  ASSIGN_OR_RETURN(errand_, jobs_.RenderFrame(job_id_, order, Waker()));
+  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, jobs_.Frames(job_id_, request_.frame(), 1));
   if (!frames.empty()) {
     header_.set_time_ns(frames[0].time_ns);
     header_.set_stem(frames[0].stem);

@@ -26,6 +26,7 @@ class FrameRenderStream : public ServerStream<v1::FrameChunk> {
 
   JobManager& jobs_;
   const v1::RenderFrameRequest request_;
+  std::string job_id_;
   std::unique_ptr<Errand> errand_;
   v1::FrameHeader header_;
   FrameChunks chunks_;

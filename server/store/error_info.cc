@@ -58,14 +58,26 @@ absl::Status ServerBusy(std::string_view why) {
   return WithErrorInfo(absl::ResourceExhaustedError(View(why)), {.reason = "SERVER_BUSY"});
 }
 
-absl::Status FileLost(std::string_view output, int frame) {
-  ErrorInfo info = {.reason = "FILE_LOST", .metadata = {{"resource", std::string(output)}}};
+namespace {
+
+absl::Status Lost(std::string_view resource, int frame, const std::string& what) {
+  ErrorInfo info = {.reason = "FILE_LOST", .metadata = {{"resource", std::string(resource)}}};
   if (frame >= 0) info.metadata["frame"] = absl::StrCat(frame);
   return WithErrorInfo(
-      absl::DataLossError(absl::StrCat(frame >= 0 ? absl::StrCat("frame ", frame, " of ") : "", View(output),
+      absl::DataLossError(absl::StrCat(what,
                                        " was made, but its file is lost from the server's disk; delete the job and "
                                        "create it again to have it made anew")),
       info);
+}
+
+}  // namespace
+
+absl::Status FileLost(std::string_view output, int frame) {
+  return Lost(output, frame, absl::StrCat(frame >= 0 ? absl::StrCat("frame ", frame, " of ") : "", View(output)));
+}
+
+absl::Status FileOfJobLost(std::string_view job, std::string_view what, int frame) {
+  return Lost(job, frame, absl::StrCat("the ", View(what), " of frame ", frame, " of ", View(job)));
 }
 
 absl::Status DiskFull(std::string_view message) {

@@ -27,7 +27,9 @@ namespace depthtween::server {
 //   NO_SCENE_FLOW          FailedPrecondition   resource (the sequence that cannot give it)
 //   SEQUENCE_GONE          FailedPrecondition   resource
 //   NO_SUCH_FRAME          OutOfRange           frame_count
-//   FILE_LOST              DataLoss             resource (the output), and frame of one that is made of frames
+//   FILE_LOST              DataLoss             resource (the output, the job or the sequence), and frame where it is
+//   of
+//                                               one
 //   SERVER_BUSY            ResourceExhausted
 //   SERVER_STOPPING        Unavailable
 //   NO_SUCH_RESOURCE       NotFound             resource ("sequences/...", "jobs/...")
@@ -52,6 +54,8 @@ absl::Status ServerStopping();
 absl::Status ServerBusy(std::string_view why);
 // Of an output that was made; `frame` < 0: it is one file.
 absl::Status FileLost(std::string_view output, int frame = -1);
+// Of what a job keeps of its frames beside its outputs: `what` is "motion".
+absl::Status FileOfJobLost(std::string_view job, std::string_view what, int frame);
 
 }  // namespace depthtween::server
 

@@ -140,6 +140,31 @@ class LostFilesTest(harness.IntegrationTest):
             self.assertEqual(again["output"]["lost"], [])
             self.assertEqual(len(list((self.folder / "anew" / "depth").glob("*.png"))), 9)
 
+    def test_pictures_say_which_of_their_frames_are_lost(self):
+        harness.synth(self.folder / "kick", 17, size="64x48")
+        with Server(self.folder / "data") as server:
+            name = check(server.client("submit", self.folder / "kick", "--preset", "fast", "--dof", "--wait")).stdout.strip()
+            out = server.data_dir / name / "out"
+            picture = ["--dof", "-o", self.folder / "picture.png", "--force"]
+            (out / "motion" / "000005.npz").unlink()
+            check(server.client("render", name, *picture, "--frame", "13"))  # out of its reach
+            lost = server.client("render", name, *picture, "--frame", "3")
+            self.assertEqual(lost.returncode, harness.EXIT_FAILED)
+            self.assertIn(f"the motion of frame 5 of {name} was made, but its file is lost", lost.stderr)
+            clip = server.client("render", name, "--stereo", "-o", self.folder / "stereo")
+            self.assertEqual(clip.returncode, harness.EXIT_JOB_FAILED)
+            self.assertIn(f"the motion of frame 5 of {name} was made, but its file is lost", clip.stderr)
+            self.assertIn("DATA_LOSS", clip.stderr)
+            (out / "depth" / "000014.png").unlink()
+            for frame in ("13", "14"):
+                lost = server.client("render", name, *picture, "--frame", frame)
+                self.assertEqual(lost.returncode, harness.EXIT_FAILED)
+                self.assertIn(f"frame 14 of {name}/outputs/depth was made, but its file is lost", lost.stderr)
+
+            # One that kept no motion has none to lose: pictures do without, as ever.
+            bare = check(server.client("submit", self.folder / "kick", "--method", "hold", "--wait")).stdout.strip()
+            check(server.client("render", bare, *picture, "--frame", "3"))
+
 
 class SmallDisk:
     """A file system of a few megabytes, filled and emptied at will."""

@@ -109,6 +109,26 @@ TEST_F(RenderRun, PiecesGiveTheBitsOfTheWhole) {
   }
 }
 
+// Motion that was made and is gone must not pass for motion that never was; who knows of none does without.
+TEST_F(RenderRun, WhatIsLostEndsTheRender) {
+  std::filesystem::remove(scratch_.path() + "/motion/105.npz");
+  const auto options = ParseRender(json::parse(R"({"stereo":{}})"), "render");
+  ASSERT_TRUE(options.ok());
+  const auto run = [&](bool made) {
+    const auto was_made = [&](int frame, bool motion) {
+      return made && motion && frame == 5 ? LostError("motion", frame) : absl::OkStatus();
+    };
+    const auto renderer = Renderer::Create(*options, {source_.get(), scratch_.path(), constants_, was_made}, "render");
+    EXPECT_TRUE(renderer.ok()) << renderer.status();
+    return (*renderer)->Run(3, 1, nullptr, 2, {}, [](int, const auto&) { return absl::OkStatus(); }).status();
+  };
+  EXPECT_EQ(run(/*made=*/false), absl::OkStatus());
+  const absl::Status lost = run(/*made=*/true);
+  EXPECT_TRUE(absl::IsDataLoss(lost)) << lost;
+  EXPECT_EQ(LostOf(lost), json({{"what", "motion"}, {"frame", 5}}));
+  EXPECT_TRUE(LostOf(absl::DataLossError("damaged")).is_null());
+}
+
 // Whether a part goes on from its neighbour or from the start of the track must not show, forward and backward in time,
 // and neither must the way through JSON.
 TEST_F(RenderRun, AFollowedFocusGoesOnWhereItWasLeft) {

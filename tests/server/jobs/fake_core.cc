@@ -15,6 +15,8 @@
 //   reach N            a frame can be rendered when the N frames before and after it are finished (1 if not said)
 //   wait_render I      waits when it begins to render interval I until the sequence folder has a file "go"
 //   slow_frame         render-frame waits until it is killed
+//   moves              renders need motion, and every frame has it
+//   lost N WHAT        render-frame misses WHAT of frame N, which was made
 //   wait_check         self-check waits until the sequence folder has a file "go"
 //   no_check           self-check says that nothing can be measured
 //   wait_flow N        assemble waits before it makes scene flow of frame N until the sequence folder has a file "go"
@@ -166,7 +168,13 @@ void ComputeInterval(int interval) {
       }
     }
   }
-  WriteFile(out + "/interval_" + Stem(interval) + ".json", "{}");
+  if (script.count("moves") > 0) {
+    std::filesystem::create_directories(out + "/motion");
+    for (int frame = 2 * interval; frame < 2 * interval + 2; ++frame) {
+      WriteFile(out + "/motion/" + Stem(frame) + ".npz", "motion " + std::to_string(frame));
+    }
+  }
+  WriteFile(out + "/interval_" + Stem(interval) + ".json", script.count("moves") > 0 ? R"({"motion_frames":2})" : "{}");
   Append(sequence + "/log", "interval " + std::to_string(interval) + "\n");
   Tell(R"({"interval_done":)" + std::to_string(interval) + R"(,"seconds":0.25,"frames":2})");
 }
@@ -200,7 +208,8 @@ void Plan() {
     }
     const int reach = script.count("reach") > 0 ? script["reach"].number : 1;
     plans += std::string(plans.empty() ? "" : ",") + R"({"name":")" + name + R"(","reach_frames":)" +
-             std::to_string(reach) + R"(,"anchor_frame":-1,"uses_motion":false,"streams":[")" + name +
+             std::to_string(reach) + R"(,"anchor_frame":-1,"uses_motion":)" +
+             (script.count("moves") > 0 ? "true" : "false") + R"(,"streams":[")" + name +
              R"("],"extension":"png","videos":[)" +
              (text.find("container") == std::string::npos ? "" : "\"" + name + ".mp4\"") + "]}";
   }
@@ -278,6 +287,11 @@ int main(int argc, char** argv) {
     if (RenderNames(ReadFile(options["--options"])).count("bad") > 0) {
       Tell(
           R"({"error":{"code":"INVALID_ARGUMENT","message":"render.name = bad, must be good","field":"render.name"}})");
+      exit(1);
+    }
+    if (script.count("lost") > 0) {
+      Tell(R"({"error":{"code":"DATA_LOSS","message":"gone","lost":{"what":")" + script["lost"].rest + R"(","frame":)" +
+           std::to_string(script["lost"].number) + "}}}");
       exit(1);
     }
     WriteFile(options["--out"], "picture " + options["--frame"] + " " + ReadFile(options["--options"]));

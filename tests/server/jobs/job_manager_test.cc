@@ -524,6 +524,62 @@ TEST_F(JobManagerTest, OneFrameIsRenderedWhileTheJobRuns) {
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
 }
 
+// What a picture needs and is gone is neither "there is none" nor "not yet": clients hear of it as of a frame.
+TEST_F(JobManagerTest, AFrameWhoseInputIsLostSaysSo) {
+  Start();
+  for (const auto& [what, resource] :
+       {std::pair("motion", "jobs/"), {"depth", "/outputs/depth"}, {"color", "sequences/"}}) {
+    const std::string sequence = ReadySequence(absl::StrCat("lost 4 ", what, "\n"));
+    const std::string job = NewJobOn(sequence);
+    EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+    const auto errand = Take(jobs_->RenderFrame(job, {.frame = 1, .options = kDof}, nullptr));
+    const absl::Status lost = Answer(*errand).status();
+    EXPECT_THAT(lost, HasReason(absl::StatusCode::kDataLoss, "FILE_LOST"));
+    EXPECT_EQ(GetErrorInfo(lost)->metadata.at("frame"), "4");
+    EXPECT_THAT(GetErrorInfo(lost)->metadata.at("resource"), HasSubstr(resource));
+    EXPECT_THAT(std::string(lost.message()), HasSubstr("lost from the server's disk"));
+  }
+}
+
+// Pictures need motion where the frames have it: none is taken for lost, and what is lost is named with its job.
+TEST_F(JobManagerTest, DepthThatIsTakenOverIsWhole) {
+  Start();
+  const std::string sequence = ReadySequence("moves\n");
+  const NewJob rendered = {.sequence_id = sequence, .renders = {{.options = kDof}}};
+  const std::string from = Take(jobs_->Create(rendered, "", false)).record.id;
+  ASSERT_EQ(Ended(from).record.state, JobState::kSucceeded) << View(from).record.error;
+  NewJob order = rendered;
+  order.depth_from = from;
+  const std::string whole = Take(jobs_->Create(order, "", false)).record.id;
+  ASSERT_EQ(Ended(whole).record.state, JobState::kSucceeded) << View(whole).record.error;
+  const auto file = [&](const std::string& job, const std::string& name) {
+    return jobs_->OutputFile(job, {.file_name = name});
+  };
+  EXPECT_EQ(ReadText(file(whole, "motion/000003.npz")), "motion 3");
+
+  std::filesystem::remove(file(from, "motion/000003.npz"));
+  const std::string moving = Take(jobs_->Create(order, "", false)).record.id;
+  EXPECT_EQ(Ended(moving).record.error.code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(std::string(View(moving).record.error.message()),
+              HasSubstr("the motion of frame 3 of jobs/" + from + " was made, but its file is lost"));
+  WriteText(file(from, "motion/000003.npz"), "motion 3");
+  std::filesystem::remove(file(from, "depth/000004.png"));
+  const std::string still = Take(jobs_->Create(order, "", false)).record.id;
+  EXPECT_EQ(Ended(still).record.error.code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(std::string(View(still).record.error.message()),
+              HasSubstr("frame 4 of jobs/" + from + "/outputs/depth was made, but its file is lost"));
+
+  // A job that kept no motion has none to lose.
+  const std::string without = NewJobOn(sequence);
+  ASSERT_EQ(Ended(without).record.state, JobState::kSucceeded);
+  WriteText(file(without, "interval_000000.json"), R"({"motion_frames":0})");
+  WriteText(file(without, "interval_000001.json"), "{}");
+  WriteText(file(without, "interval_000002.json"), R"({"motion_frames":-1})");
+  order.depth_from = without;
+  const std::string poor = Take(jobs_->Create(order, "", false)).record.id;
+  EXPECT_EQ(Ended(poor).record.state, JobState::kSucceeded) << View(poor).record.error;
+}
+
 TEST_F(JobManagerTest, AFrameThatTakesTooLongOrThatNobodyWaitsForIsStopped) {
   Start(1, {.frame_renderers = 1, .frame_render_time = absl::Milliseconds(300)});
   const std::string sequence = ReadySequence("slow_frame\n");

@@ -73,6 +73,13 @@ TEST(TaskProtocol, NothingAChildSaysDoesHarm) {
     const ProgressLine parsed = ParseProgressLine(line);
     EXPECT_FALSE(parsed.stage || parsed.interval_done || parsed.checked || parsed.error) << line;
   }
+  const ProgressLine lost =
+      ParseProgressLine(R"({"error":{"code":"DATA_LOSS","message":"m","lost":{"what":"motion","frame":7}}})");
+  EXPECT_THAT(*lost.error, HasCode(absl::StatusCode::kDataLoss));
+  EXPECT_EQ(lost.lost->what, "motion");
+  EXPECT_EQ(lost.lost->frame, 7);
+  EXPECT_FALSE(ParseProgressLine(R"({"error":{"code":"DATA_LOSS","message":"m","lost":{"what":"../x","frame":7}}})")
+                   .lost.has_value());
   EXPECT_EQ(ParseProgressLine(R"({"interval_done":1,"seconds":-5})").interval_done->seconds, 0);
   for (const char* text : {"", "{}", "[]", R"({"ok":true,"violations":[],"warnings":[]})", R"({"ok":"yes"})"}) {
     EXPECT_THAT(ParseValidation(text), HasCode(absl::StatusCode::kInternal)) << text;
