@@ -135,8 +135,13 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   command->add_flag("--insecure-listen-anywhere", options.rpc.insecure_listen_anywhere,
                     "Listen on other than loopback addresses although there is no TLS and there are no tokens yet: "
                     "whoever reaches the port may read and delete everything");
-  command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")->capture_default_str();
+  command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")
+      ->check(CLI::PositiveNumber)
+      ->type_name("N")
+      ->capture_default_str();
   command->add_option("--threads", options.jobs.default_threads, "Threads of a task whose job leaves it to the server")
+      ->check(CLI::PositiveNumber)
+      ->type_name("N")
       ->capture_default_str();
   command
       ->add_option("--frame-renderers", options.jobs.frame_renderers,
@@ -153,6 +158,7 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->add_option("--max-sequence-bytes", options.limits.max_sequence_bytes,
                    "Of one recording; also as 20GB or 256MiB")
       ->transform(size)
+      ->check(CLI::PositiveNumber)
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
@@ -170,11 +176,13 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->add_option("--reserved-disk-bytes", options.limits.reserved_disk_bytes,
                    "Uploads that would leave less free are refused")
       ->transform(size)
+      ->check(CLI::NonNegativeNumber)
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--task-memory-bytes", options.jobs.child_memory_bytes, "Memory of one task; 0: no limit")
       ->transform(size)
+      ->check(CLI::NonNegativeNumber)
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);

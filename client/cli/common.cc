@@ -19,6 +19,7 @@ void AddCommonOptions(CLI::App& command, CommonOptions& options) {
   command.add_option("--server", options.server, "Address of the server, host:port")
       ->envname("DEPTHTWEEN_SERVER")
       ->type_name("ADDRESS")
+      ->check(client::AddressProblem)
       ->capture_default_str();
   command
       .add_option("--patience", options.patience_s,

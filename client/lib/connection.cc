@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
@@ -41,7 +43,29 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address) {
   return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
 }
 
+// gRPC's words for why there is no connection, without what only its authors need.
+std::string Why(const std::string& words) {
+  if (absl::StrContains(words, "DNS resolution failed")) return "the name of the host is not known";
+  constexpr absl::string_view kRefused = "Failed to connect to remote host: ";
+  const size_t at = words.rfind(kRefused.data());
+  return at == std::string::npos ? words : words.substr(at + kRefused.size());
+}
+
 }  // namespace
+
+std::string AddressProblem(const std::string& address) {
+  const std::string rule = absl::StrCat("'", address, "' is not the address of a server: ");
+  if (absl::StartsWith(address, "unix:")) return "";
+  if (absl::StrContains(address, "://")) return rule + "leave out what stands before HOST:PORT";
+  const std::string full = WithPort(address);
+  const size_t colon = full.find_last_of(':');
+  int port = 0;
+  if (colon == 0) return rule + "it names no host, must be HOST, HOST:PORT or unix:PATH";
+  if (!absl::SimpleAtoi(full.substr(colon + 1), &port) || port < 1 || port > 65535) {
+    return rule + "the port must be a number from 1 to 65535";
+  }
+  return "";
+}
 
 Connection::Connection(ConnectionOptions options)
     : options_(Normalised(std::move(options))),
@@ -52,6 +76,9 @@ Connection::Connection(ConnectionOptions options)
       outputs_(v1::OutputService::NewStub(channel_)) {}
 
 absl::StatusOr<std::unique_ptr<Connection>> Connection::Open(const ConnectionOptions& options) {
+  if (const std::string problem = AddressProblem(options.address); !problem.empty()) {
+    return absl::InvalidArgumentError(problem);
+  }
   std::unique_ptr<Connection> connection(new Connection(options));
   v1::AdminService::StubInterface& admin = *connection->admin_;
   absl::StatusOr<v1::ServerInfo> server =
@@ -79,7 +106,7 @@ absl::Status Connection::Answer(const grpc::Status& status) const {
       absl::StrFormat("no server answers at %s (%s). Start one with 'depthtween-server serve --data-dir DIR --listen "
                       "%s', or name another "
                       "with --server ADDRESS or the environment variable DEPTHTWEEN_SERVER",
-                      options_.address, silent ? "no answer in time" : status.error_message(), options_.address));
+                      options_.address, silent ? "no answer in time" : Why(status.error_message()), options_.address));
 }
 
 }  // namespace depthtween::client

@@ -21,6 +21,9 @@
 
 namespace depthtween::client {
 
+// What is wrong with the address of a server; empty if nothing is.
+std::string AddressProblem(const std::string& address);
+
 struct ConnectionOptions {
   // host:port; without a port 50051.
   std::string address = "127.0.0.1:50051";
@@ -34,8 +37,8 @@ struct ConnectionOptions {
 
 class Connection {
  public:
-  // Asks the server about itself, as patient as every call. Unavailable says which address does not answer and how to
-  // start a server; Unimplemented that something else answers there.
+  // Asks the server about itself, as patient as every call. InvalidArgument for an AddressProblem; Unavailable says
+  // which address does not answer and how to start a server; Unimplemented that something else answers there.
   static absl::StatusOr<std::unique_ptr<Connection>> Open(const ConnectionOptions& options);
 
   const ConnectionOptions& options() const { return options_; }

@@ -138,8 +138,12 @@ absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptio
   builder.SetSyncServerOption(grpc::ServerBuilder::MAX_POLLERS, 2);
   result->server_ = builder.BuildAndStart();
   if (result->server_ == nullptr) {
-    return absl::FailedPreconditionError(absl::StrFormat(
-        "cannot listen on %s: is another server running there? (--listen HOST:0 takes any free port)", options.listen));
+    // gRPC tells why to its log alone.
+    const bool socket = options.listen.rfind("unix:", 0) == 0;
+    return absl::FailedPreconditionError(
+        absl::StrFormat("cannot listen on %s: is another server running there? %s", options.listen,
+                        socket ? "Else the folder of the socket is missing, or not ours to write"
+                               : "Else HOST is no address of this machine (--listen HOST:0 takes any free port)"));
   }
   for (const char* service : kServiceNames) health.Set(service, true);
   health.Set("", true);

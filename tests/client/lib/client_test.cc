@@ -61,6 +61,25 @@ TEST(Connection, SaysWhichServerDoesNotAnswerAndHowToStartOne) {
   EXPECT_TRUE(absl::IsUnavailable(connection.status()));
   EXPECT_THAT(std::string(connection.status().message()), HasSubstr("127.0.0.1:1"));
   EXPECT_THAT(std::string(connection.status().message()), HasSubstr("depthtween-server serve"));
+  EXPECT_THAT(std::string(connection.status().message()), HasSubstr("(Connection refused)"));
+}
+
+// The top level domain "invalid" is one that nobody has (RFC 6761).
+TEST(Connection, AnUnknownHostIsSaidInPlainWords) {
+  const auto connection = Connection::Open({.address = "no-such-host.invalid", .patience = std::chrono::seconds(0)});
+  EXPECT_TRUE(absl::IsUnavailable(connection.status())) << connection.status();
+  EXPECT_THAT(std::string(connection.status().message()), testing::Not(HasSubstr("C-ares")));
+}
+
+// What no server can listen on is said at once: gRPC would wrap port 99999 around and ask a stranger.
+TEST(Connection, AnAddressThatIsNoneIsRefused) {
+  for (const char* address : {"host", "127.0.0.1:50051", "[::1]", "[::1]:7", "unix:/tmp/socket", "localhost:1"}) {
+    EXPECT_EQ(AddressProblem(address), "") << address;
+  }
+  for (const char* address : {"", ":50051", "http://host:50051", "host:", "host:0", "host:99999", "host:port"}) {
+    EXPECT_NE(AddressProblem(address), "") << address;
+    EXPECT_TRUE(absl::IsInvalidArgument(Connection::Open({.address = address}).status())) << address;
+  }
 }
 
 TEST(Connection, WithoutPatienceTriesOnce) {

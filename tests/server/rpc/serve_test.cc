@@ -93,6 +93,15 @@ TEST_F(ServeTest, WrongCommandLinesAreExplained) {
   EXPECT_THAT(ReadText(folder_ / "stderr"), testing::HasSubstr("--insecure-listen-anywhere"));
   EXPECT_EQ(Run({"serve", "--data-dir", folder_ / "data", "--listen", "127.0.0.1:0", "--core-binary", "/none"}), 1);
   EXPECT_THAT(ReadText(folder_ / "stderr"), testing::HasSubstr("--core-binary"));
+  for (const auto& [flag, value] : {std::pair("--workers", "0"),
+                                    {"--threads", "-1"},
+                                    {"--max-sequence-bytes", "0"},
+                                    {"--task-memory-bytes", "-1GB"}}) {
+    EXPECT_EQ(Run({"serve", "--data-dir", folder_ / "data", "--listen", "127.0.0.1:0", flag, value}), 2);
+    EXPECT_THAT(ReadText(folder_ / "stderr"), testing::HasSubstr(flag)) << "and not by a name of the source";
+  }
+  EXPECT_EQ(Run({"serve", "--data-dir", folder_ / "data", "--listen", "unix:/no/such/folder/socket"}), 1);
+  EXPECT_THAT(ReadText(folder_ / "stderr"), testing::HasSubstr("folder of the socket"));
   EXPECT_EQ(Run({"--version"}), 0);
   EXPECT_THAT(ReadText(folder_ / "stdout"), testing::HasSubstr(DEPTHTWEEN_VERSION));
   EXPECT_EQ(Run({"serve", "--help"}), 0);
