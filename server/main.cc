@@ -3,6 +3,7 @@
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <functional>
@@ -76,6 +77,19 @@ class StopSignals {
   sigset_t before_{};
 };
 
+// Of a number, or a size with its unit, before it is taken for one. CLI11's own check tells the largest number it
+// knows, in 309 digits, and its sizes take -5GB for an overflow.
+CLI::Validator AtLeast(int least) {
+  return CLI::Validator(
+      [least](const std::string& text) {
+        char* end = nullptr;
+        const double value = std::strtod(text.c_str(), &end);
+        if (end == text.c_str() || value >= least) return std::string();  // what is no number is said elsewhere
+        return absl::StrCat(text, ", must be at least ", least);
+      },
+      "");
+}
+
 std::string CoreBesideThisProgram() {
   std::error_code error;
   const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
@@ -136,17 +150,17 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
                     "Listen on other than loopback addresses although there is no TLS and there are no tokens yet: "
                     "whoever reaches the port may read and delete everything");
   command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")
-      ->check(CLI::PositiveNumber)
+      ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str();
   command->add_option("--threads", options.jobs.default_threads, "Threads of a task whose job leaves it to the server")
-      ->check(CLI::PositiveNumber)
+      ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str();
   command
       ->add_option("--frame-renderers", options.jobs.frame_renderers,
                    "Single frames that are rendered on demand at the same time, beside the workers")
-      ->check(CLI::PositiveNumber)
+      ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str();
   command->add_option("--core-binary", options.jobs.core_program, "The depthtween-core that runs the tasks")
@@ -158,17 +172,17 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->add_option("--max-sequence-bytes", options.limits.max_sequence_bytes,
                    "Of one recording; also as 20GB or 256MiB")
       ->transform(size)
-      ->check(CLI::PositiveNumber)
+      ->transform(AtLeast(1))
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--max-files-per-sequence", options.limits.max_files_per_sequence, "Of one recording")
-      ->check(CLI::PositiveNumber)
+      ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--max-queued-jobs", options.limits.max_queued_jobs, "Jobs that wait")
-      ->check(CLI::PositiveNumber)
+      ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str()
       ->group(limits);
@@ -176,18 +190,18 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->add_option("--reserved-disk-bytes", options.limits.reserved_disk_bytes,
                    "Uploads that would leave less free are refused")
       ->transform(size)
-      ->check(CLI::NonNegativeNumber)
+      ->transform(AtLeast(0))
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--task-memory-bytes", options.jobs.child_memory_bytes, "Memory of one task; 0: no limit")
       ->transform(size)
-      ->check(CLI::NonNegativeNumber)
+      ->transform(AtLeast(0))
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
   command->add_option("--max-calls", options.rpc.max_calls, "Calls in flight, streams included")
-      ->check(CLI::PositiveNumber)
+      ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str()
       ->group(limits);
@@ -209,7 +223,7 @@ struct HealthCheckOptions {
 void AddHealthCheckCommand(CLI::App& app, HealthCheckOptions& options) {
   CLI::App* command = app.add_subcommand("healthcheck", "Exit with 0 if a server is up and serving, else with 1.");
   command->add_option("--server", options.server, "HOST:PORT or unix:PATH")->capture_default_str();
-  command->add_option("--timeout", options.timeout_s, "Seconds")->check(CLI::PositiveNumber)->capture_default_str();
+  command->add_option("--timeout", options.timeout_s, "Seconds")->check(CLI::Range(0.001, 1e6))->capture_default_str();
 }
 
 int Main(int argc, char** argv) {

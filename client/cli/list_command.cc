@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <iostream>
+#include <limits>
 #include <memory>
 
 #include "absl/strings/str_cat.h"
@@ -86,7 +87,7 @@ void AddListCommand(CLI::App& app, int* exit_code) {
   command->add_option("--state", options->state, "Only those in this state, such as RUNNING or READY");
   command->add_option("--limit", options->limit, "At most this many")
       ->type_name("N")
-      ->check(CLI::PositiveNumber)
+      ->check(CLI::Range(1, std::numeric_limits<int>::max()))
       ->capture_default_str();
   AddCommonOptions(*command, options->common);
   command->callback([options, exit_code] { *exit_code = List(*options); });

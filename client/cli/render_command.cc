@@ -1,5 +1,6 @@
 #include <filesystem>
 #include <iostream>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -165,7 +166,7 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
   subcommand->add_option("job", command->job, "jobs/ID, as submit and list print it")->type_name("JOB")->required();
   subcommand->add_option("-o,--out", command->output, "Video, folder or image to write")->required()->type_name("OUT");
   subcommand->add_option("--frame", command->frame, "Render only this frame, now")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Range(0, std::numeric_limits<int>::max()))
       ->type_name("N");
   subcommand->add_flag("--force", command->force, "Replace what is at OUT");
   AddRenderFlags(*subcommand, command->flags);

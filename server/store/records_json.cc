@@ -117,6 +117,15 @@ std::string ToJson(const ClockEstimate& estimate) {
                {"edges", estimate.edges}});
 }
 
+std::string ToJson(const ErrorInfo& info) { return Dump({{"reason", info.reason}, {"metadata", info.metadata}}); }
+
+absl::StatusOr<ErrorInfo> ErrorInfoFromJson(const std::string& text) {
+  return Parse<ErrorInfo>(text, [](const json& value) {
+    return ErrorInfo{.reason = value.at("reason"),
+                     .metadata = value.at("metadata").get<std::map<std::string, std::string>>()};
+  });
+}
+
 absl::StatusOr<ClockEstimate> ClockEstimateFromJson(const std::string& text) {
   return Parse<ClockEstimate>(text, [](const json& value) {
     return ClockEstimate{.summary = value.at("summary"),

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "core/base/status.h"
+#include "server/store/error_info.h"
 #include "server/store/records.h"
 
 namespace depthtween::server {
@@ -16,6 +17,7 @@ std::string ToJson(const RenderRecord& render);
 std::string ToJson(const SceneFlowOptions& options);  // which is how depthtween-core reads them too
 // As `depthtween-core task prepare` writes it into a plan.
 std::string ToJson(const ClockEstimate& estimate);
+std::string ToJson(const ErrorInfo& info);
 
 // DataLoss for text that the functions above did not write.
 absl::StatusOr<Recording> RecordingFromJson(const std::string& text);
@@ -23,6 +25,7 @@ absl::StatusOr<ValidationResult> ValidationResultFromJson(const std::string& tex
 absl::StatusOr<SceneFlowOptions> SceneFlowOptionsFromJson(const std::string& text);
 absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text);
 absl::StatusOr<ClockEstimate> ClockEstimateFromJson(const std::string& text);
+absl::StatusOr<ErrorInfo> ErrorInfoFromJson(const std::string& text);
 
 }  // namespace depthtween::server
 

@@ -17,7 +17,8 @@ constexpr char kJobColumns[] =
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, "
     "interval_seconds, depth_from, preset, without, self_check, self_check_result, causal, clock, clock_estimate, "
-    "scene_flow, scene_flow_options, literal, (SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND "
+    "scene_flow, scene_flow_options, literal, error_info, (SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, "
+    "3) AND "
     "ahead.number "
     "< jobs.number) FROM "
     "jobs ";
@@ -53,7 +54,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(31);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(32);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
   if (!row.IsNull(29)) {
     ASSIGN_OR_RETURN(job.scene_flow_options, SceneFlowOptionsFromJson(row.Text(29)));
@@ -65,6 +66,10 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
   }
   if (!row.IsNull(27)) {
     ASSIGN_OR_RETURN(job.clock_estimate, ClockEstimateFromJson(row.Text(27)));
+  }
+  if (!row.IsNull(31)) {
+    ASSIGN_OR_RETURN(const ErrorInfo info, ErrorInfoFromJson(row.Text(31)));
+    job.error = WithErrorInfo(job.error, info);
   }
   return job;
 }
@@ -153,9 +158,11 @@ absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
 }
 
 absl::Status SqliteStore::EndJob(int64_t number, JobState state, const absl::Status& error) {
+  const std::optional<ErrorInfo> info = GetErrorInfo(error);
   return database_->Run(
-      "UPDATE jobs SET state = ?, error_code = ?, error_message = ?, end_time_us = ? WHERE number = ?",
-      {state, error.code(), std::string(error.message()), absl::ToUnixMicros(absl::Now()), number});
+      "UPDATE jobs SET state = ?, error_code = ?, error_message = ?, error_info = ?, end_time_us = ? WHERE number = ?",
+      {state, error.code(), std::string(error.message()), info ? SqlValue(ToJson(*info)) : SqlValue(nullptr),
+       absl::ToUnixMicros(absl::Now()), number});
 }
 
 absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) {
@@ -303,8 +310,8 @@ absl::StatusOr<JobRecord> SqliteStore::RetryJob(std::string_view id) {
                                                           " has been deleted; upload it again and create a new job"));
     }
     RETURN_IF_ERROR(database_->Run(
-        "UPDATE jobs SET state = ?, attempt = attempt + 1, error_code = 0, error_message = '', start_time_us = NULL, "
-        "end_time_us = NULL WHERE number = ?",
+        "UPDATE jobs SET state = ?, attempt = attempt + 1, error_code = 0, error_message = '', error_info = NULL, "
+        "start_time_us = NULL, end_time_us = NULL WHERE number = ?",
         {JobState::kQueued, number}));
     RETURN_IF_ERROR(database_->Run("UPDATE intervals SET failures = 0 WHERE job = ? AND failures > 0", {number}));
     RETURN_IF_ERROR(database_->Run("UPDATE render_parts SET failures = 0 WHERE job = ? AND failures > 0", {number}));

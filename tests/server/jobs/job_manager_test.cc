@@ -559,13 +559,13 @@ TEST_F(JobManagerTest, DepthThatIsTakenOverIsWhole) {
 
   std::filesystem::remove(file(from, "motion/000003.npz"));
   const std::string moving = Take(jobs_->Create(order, "", false)).record.id;
-  EXPECT_EQ(Ended(moving).record.error.code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(Ended(moving).record.error, HasReason(absl::StatusCode::kDataLoss, "FILE_LOST"));
   EXPECT_THAT(std::string(View(moving).record.error.message()),
               HasSubstr("the motion of frame 3 of jobs/" + from + " was made, but its file is lost"));
   WriteText(file(from, "motion/000003.npz"), "motion 3");
   std::filesystem::remove(file(from, "depth/000004.png"));
   const std::string still = Take(jobs_->Create(order, "", false)).record.id;
-  EXPECT_EQ(Ended(still).record.error.code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(Ended(still).record.error, HasReason(absl::StatusCode::kDataLoss, "FILE_LOST"));
   EXPECT_THAT(std::string(View(still).record.error.message()),
               HasSubstr("frame 4 of jobs/" + from + "/outputs/depth was made, but its file is lost"));
 

@@ -98,7 +98,7 @@ TEST_F(ServeTest, WrongCommandLinesAreExplained) {
                                     {"--max-sequence-bytes", "0"},
                                     {"--task-memory-bytes", "-1GB"}}) {
     EXPECT_EQ(Run({"serve", "--data-dir", folder_ / "data", "--listen", "127.0.0.1:0", flag, value}), 2);
-    EXPECT_THAT(ReadText(folder_ / "stderr"), testing::HasSubstr(flag)) << "and not by a name of the source";
+    EXPECT_THAT(ReadText(folder_ / "stderr"), testing::HasSubstr(std::string(flag) + ": " + value + ", must be"));
   }
   EXPECT_EQ(Run({"serve", "--data-dir", folder_ / "data", "--listen", "unix:/no/such/folder/socket"}), 1);
   EXPECT_THAT(ReadText(folder_ / "stderr"), testing::HasSubstr("folder of the socket"));

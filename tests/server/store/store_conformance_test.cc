@@ -481,9 +481,9 @@ TEST_P(StoreConformance, ThreeFailuresOfOneIntervalFailTheJob) {
 TEST_P(StoreConformance, FailureThatIsNotWorthRetryingFailsAtOnce) {
   const std::string id = PreparedJob(4).id;
   const Task first = Claim(2), second = Claim(2);
-  EXPECT_THAT(store().FailTask(first.number, absl::ResourceExhaustedError("disk full"), /*retry=*/false), IsOk());
+  EXPECT_THAT(store().FailTask(first.number, FileLost("jobs/1/outputs/depth", 3), /*retry=*/false), IsOk());
   EXPECT_EQ(Job(id).state, JobState::kFailed);
-  EXPECT_THAT(Job(id).error, HasCode(absl::StatusCode::kResourceExhausted));
+  EXPECT_EQ(Job(id).error, FileLost("jobs/1/outputs/depth", 3)) << "with its reason";
   EXPECT_THAT(store().FinishInterval(second.number, 2, 1), HasCode(absl::StatusCode::kFailedPrecondition));
 
   // A prepare task counts its own failures.
@@ -495,8 +495,10 @@ TEST_P(StoreConformance, FailureThatIsNotWorthRetryingFailsAtOnce) {
     EXPECT_THAT(store().FailTask(task.number, absl::InternalError("crash"), /*retry=*/true), IsOk());
   }
   EXPECT_EQ(Job(other).state, JobState::kFailed);
+  EXPECT_THAT(Job(other).error, HasCode(absl::StatusCode::kInternal));
   EXPECT_THAT(store().RetryJob(other), IsOk());
   EXPECT_EQ(Claim().kind, TaskKind::kPrepare);
+  EXPECT_EQ(Take(store().RetryJob(id)).error, absl::OkStatus());
 }
 
 TEST_P(StoreConformance, ValidationThatCannotBeDoneMakesTheSequenceInvalid) {
