@@ -18,6 +18,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "server/jobs/child_process.h"
+#include "server/jobs/sequences.h"
 #include "server/jobs/task_protocol.h"
 #include "server/jobs/task_runner.h"
 #include "server/store/error_info.h"
@@ -267,11 +268,13 @@ absl::StatusOr<Page<JobView>> Manager::List(const JobFilter& filter, const PageR
 }
 
 absl::Status Manager::Delete(std::string_view id) {
-  {
+  const auto forget = [&]() -> absl::Status {
     const std::lock_guard lock(changes_);
     RETURN_IF_ERROR(store_.DeleteJob(id));
     hub_.Forget(id);
-  }
+    return absl::OkStatus();
+  };
+  RETURN_IF_ERROR(DeleteRecord(forget, [&] { return directory_.Discard(directory_.JobFolder(id)); }));
   return WithContext(
       directory_.Discard(directory_.JobFolder(id)),
       absl::StrCat("jobs/", std::string(id), " is deleted, but its files stay until the server starts anew"));

@@ -81,7 +81,10 @@ absl::Status FileOfJobLost(std::string_view job, std::string_view what, int fram
 }
 
 absl::Status DiskFull(std::string_view message) {
-  return WithErrorInfo(absl::ResourceExhaustedError(View(message)), {.reason = "DISK_FULL"});
+  return WithErrorInfo(
+      absl::ResourceExhaustedError(
+          absl::StrCat("the server's disk is full, delete old jobs and sequences or try again later: ", View(message))),
+      {.reason = "DISK_FULL"});
 }
 
 }  // namespace depthtween::server

@@ -216,10 +216,7 @@ absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(std::string_view sequence
                                            limits_.max_files_per_sequence));
     }
     if (size_bytes > room_bytes) {
-      return DiskFull(
-          absl::StrFormat("the upload needs %d bytes, the server's disk has room for %d; delete old jobs and "
-                          "sequences, or try again later",
-                          size_bytes, room_bytes));
+      return DiskFull(absl::StrFormat("the upload needs %d bytes, there is room for %d", size_bytes, room_bytes));
     }
     ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(sequence_id));
     RETURN_IF_ERROR(CheckNewFiles(number, files));

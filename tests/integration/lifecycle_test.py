@@ -222,6 +222,18 @@ class FullDiskTest(harness.IntegrationTest):
             self.disk.empty()
             check(server.client("submit", self.sequence))
 
+    def test_a_full_disk_is_made_room_on_by_deleting(self):
+        with self.server() as server:
+            name = check(server.client("submit", self.sequence, "--method", "hold", "--wait")).stdout.strip()
+            harness.Recording().write(self.folder / "small")
+            self.disk.fill(leave_bytes=0)
+            refused = server.client("submit", self.folder / "small", "--wait", patience_s=1)
+            self.assertEqual(refused.returncode, harness.EXIT_FAILED)
+            self.assertRegex(refused.stderr, "delete old jobs and sequences")
+            check(server.client("delete", name))
+            self.assertEqual(server.client_json("list")["jobs"], [])
+            check(server.client("submit", self.folder / "small", "--wait"))
+
     def test_task_fails_clearly_and_goes_on_when_there_is_room(self):
         local = self.folder / "local"
         harness.upsample(self.sequence, local)
