@@ -15,12 +15,12 @@ namespace {
 
 constexpr double kMaxOffsetNs = 3600e9;
 constexpr double kMaxDriftPpm = 1e5;
-// Stamps so many deviations apart, or under this share of a period, may be of one moment: motion within it is far below
-// a pixel.
-constexpr double kJitterSigmas = 4.0;
+// Under this share of a period, stamps are of one moment: motion within it is far below a pixel.
 constexpr double kCoincident = 0.02;
-// What jitter does not explain may be as many, one in so many: stamps of frames that were late.
-constexpr size_t kOutliers = 20;
+// Nearly all that jitter makes is within so many deviations, but for one frame in kOutliers that was late; half of it
+// within kHalfSigmas, which leaves room for a steady delay as large as the jitter.
+constexpr double kJitterSigmas = 4.0, kHalfSigmas = 2.0;
+constexpr ptrdiff_t kOutliers = 20;
 
 double Median(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
@@ -102,12 +102,14 @@ Sequence PairDepthWithinJitter(const Sequence& sequence) {
     distances.push_back(static_cast<double>(std::llabs(frame.time_ns - color_ns)));
     frame.time_ns = color_ns;
   }
-  const auto unexplained = std::count_if(distances.begin(), distances.end(),
-                                         [&](double distance) { return distance > kJitterSigmas * jitter; });
+  const auto beyond = [&](double limit) {
+    return std::count_if(distances.begin(), distances.end(), [limit](double distance) { return distance > limit; });
+  };
+  const auto count = static_cast<ptrdiff_t>(distances.size());
+  const bool explained =
+      beyond(kJitterSigmas * jitter) <= count / kOutliers && beyond(kHalfSigmas * jitter) <= count / 2;
   const double coincident = kCoincident * static_cast<double>(MedianPeriodNs(sequence.color));
-  const double near = unexplained <= static_cast<ptrdiff_t>(distances.size() / kOutliers)
-                          ? std::max(kJitterSigmas * jitter, coincident)
-                          : coincident;
+  const double near = explained ? std::max(kJitterSigmas * jitter, coincident) : coincident;
   for (size_t k = 0; k < distances.size(); ++k)
     if (distances[k] > near) paired.depth[k].time_ns = sequence.depth[k].time_ns;
   // Back to its own stamp what would no longer come after the frame before and before the one after. One that goes back

@@ -48,10 +48,10 @@ absl::StatusOr<ClockChoice> ParseClockChoice(std::string_view text);
 // The depth frames of `sequence` stamped by the colour camera's clock. `clock` must be valid.
 Sequence CorrectDepthStamps(const Sequence& sequence, const ClockModel& clock);
 
-// Where the jitter of both streams' stamps explains how far depth frames are from colour frames, of nearly all of them,
-// they were taken with these and get their stamps: to move depth by a stamp's error would only add that error. Else
-// only those do that are within a fiftieth of the colour frames' period. Stamps still ascend: where two would get one,
-// neither does. `sequence` must be valid.
+// Where the jitter of both streams' stamps explains how far depth frames are from colour frames - half of them by two
+// deviations at most, nearly all by four - they were taken with these and get their stamps: to move depth by a stamp's
+// error would only add that error. Else only those do that are within a fiftieth of the colour frames' period. Stamps
+// still ascend: where two would get one, neither does. `sequence` must be valid.
 Sequence PairDepthWithinJitter(const Sequence& sequence);
 
 // Ignores the stamps of depth frames: frame k is taken with colour frame k * `color_per_depth` (>= 1). Depth frames
