@@ -18,7 +18,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "server/jobs/child_process.h"
-#include "server/jobs/sequences.h"
+#include "server/jobs/deletion.h"
 #include "server/jobs/task_protocol.h"
 #include "server/jobs/task_runner.h"
 #include "server/store/error_info.h"
@@ -274,10 +274,8 @@ absl::Status Manager::Delete(std::string_view id) {
     hub_.Forget(id);
     return absl::OkStatus();
   };
-  RETURN_IF_ERROR(DeleteRecord(forget, [&] { return directory_.Discard(directory_.JobFolder(id)); }));
-  return WithContext(
-      directory_.Discard(directory_.JobFolder(id)),
-      absl::StrCat("jobs/", std::string(id), " is deleted, but its files stay until the server starts anew"));
+  return DeleteWithFiles(absl::StrCat("jobs/", std::string(id)), forget,
+                         [&] { return directory_.Discard(directory_.JobFolder(id)); });
 }
 
 absl::StatusOr<JobView> Manager::Cancel(std::string_view id) {

@@ -4,34 +4,11 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
-#include "absl/time/time.h"
 #include "proto/depthtween/crc32c.h"
+#include "server/jobs/deletion.h"
 #include "server/store/error_info.h"
 
 namespace depthtween::server {
-namespace {
-
-constexpr int kRoomTries = 50;
-constexpr absl::Duration kRoomGap = absl::Milliseconds(50);
-
-}  // namespace
-
-absl::Status DeleteRecord(const std::function<absl::Status()>& forget, const std::function<absl::Status()>& remove) {
-  const auto is_full = [](const absl::Status& status) {
-    const std::optional<ErrorInfo> info = GetErrorInfo(status);
-    return info && info->reason == "DISK_FULL";
-  };
-  absl::Status status = forget();
-  if (!is_full(status)) return status;
-  RETURN_IF_ERROR(remove());
-  // Their room comes free in the background.
-  for (int i = 0; i < kRoomTries && is_full(status); ++i) {
-    absl::SleepFor(kRoomGap);
-    status = forget();
-  }
-  return WithContext(status, "its files are gone, but the record is not: delete it again");
-}
 
 // Shared by all writers of one upload. A later writer takes the turn away from an earlier one.
 struct UploadWriter::Turn {
@@ -187,10 +164,9 @@ absl::StatusOr<Page<SequenceRecord>> Sequences::List(const SequenceFilter& filte
 }
 
 absl::Status Sequences::Delete(std::string_view id) {
-  // Rows first: a crash in between leaves files that nobody names, which the next start removes.
-  RETURN_IF_ERROR(DeleteRecord([&] { return store_.DeleteSequence(id); }, [&] { return blobs_.Remove(id); }));
-  return WithContext(blobs_.Remove(id), absl::StrCat("sequences/", std::string(id),
-                                                     " is deleted, but its files stay until the server starts anew"));
+  return DeleteWithFiles(
+      absl::StrCat("sequences/", std::string(id)), [&] { return store_.DeleteSequence(id); },
+      [&] { return blobs_.Remove(id); });
 }
 
 absl::StatusOr<UploadRecord> Sequences::StartUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,

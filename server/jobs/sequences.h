@@ -22,10 +22,6 @@ namespace depthtween::server {
 
 class Sequences;
 
-// Deletes a record by `forget`. A full disk has no room to write even that down: then the files of what is deleted are
-// removed first, by `remove`, and it is tried again for a few seconds.
-absl::Status DeleteRecord(const std::function<absl::Status()>& forget, const std::function<absl::Status()>& remove);
-
 // One stream of bytes into one upload.
 //
 // Grammar:  Write* (Finish | Close)?     - destroying it without either is like Close.

@@ -27,9 +27,7 @@ namespace depthtween::server {
 //   NO_SCENE_FLOW          FailedPrecondition   resource (the sequence that cannot give it)
 //   SEQUENCE_GONE          FailedPrecondition   resource
 //   NO_SUCH_FRAME          OutOfRange           frame_count
-//   FILE_LOST              DataLoss             resource (the output, the job or the sequence), and frame where it is
-//   of
-//                                               one
+//   FILE_LOST              DataLoss             resource (output, job or sequence), and frame if it is of one
 //   SERVER_BUSY            ResourceExhausted
 //   SERVER_STOPPING        Unavailable
 //   NO_SUCH_RESOURCE       NotFound             resource ("sequences/...", "jobs/...")
