@@ -9,7 +9,7 @@ namespace depthtween {
 
 // "ours", "pd-flow", "sr-flow", "layered-flow". EstimateSceneFlow (core/sceneflow) knows each.
 const std::vector<std::string>& SceneFlowMethods();
-// "npz", "flo", "kitti": as core/tools/scene_flow_files.h writes them.
+// "npz", "flo", "kitti": as core/session/scene_flow_files.h writes them.
 const std::vector<std::string>& SceneFlowFormats();
 
 inline constexpr double kDefaultBaselineM = 0.1;  // of the disparities of "kitti"

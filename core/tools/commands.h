@@ -22,7 +22,6 @@ void AddSynthCommand(CLI::App& app, int* exit_code);
 void AddUpsampleCommand(CLI::App& app, int* exit_code);
 void AddSceneFlowCommand(CLI::App& app, int* exit_code);
 void AddEvaluateCommand(CLI::App& app, int* exit_code);
-void AddBenchmarkCommand(CLI::App& app, int* exit_code);
 void AddPreviewCommand(CLI::App& app, int* exit_code);
 void AddRenderCommand(CLI::App& app, int* exit_code);
 void AddSyncCommand(CLI::App& app, int* exit_code);

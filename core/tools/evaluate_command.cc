@@ -8,8 +8,8 @@
 #include "absl/strings/str_split.h"
 #include "core/base/parallel.h"
 #include "core/baselines/baselines.h"
+#include "core/session/evaluation.h"
 #include "core/tools/commands.h"
-#include "core/tools/evaluation.h"
 #include "core/tools/progress_bar.h"
 
 namespace depthtween::tools {

@@ -12,9 +12,9 @@
 #include "core/io/png.h"
 #include "core/io/video.h"
 #include "core/sequence/interval.h"
+#include "core/session/finished_clip.h"
+#include "core/session/preview.h"
 #include "core/tools/commands.h"
-#include "core/tools/finished_clip.h"
-#include "core/tools/preview.h"
 #include "core/tools/signals.h"
 
 namespace depthtween::tools {

@@ -6,7 +6,7 @@
 #include <chrono>
 #include <string>
 
-#include "core/tools/upsample_run.h"
+#include "core/session/upsample_run.h"
 
 namespace depthtween::tools {
 

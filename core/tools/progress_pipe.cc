@@ -6,8 +6,8 @@
 #include <string>
 #include <utility>
 
-#include "core/tools/render_options.h"
-#include "core/tools/render_run.h"
+#include "core/session/render_options.h"
+#include "core/session/render_run.h"
 
 namespace depthtween::tools {
 

@@ -16,15 +16,15 @@
 #include "core/io/file.h"
 #include "core/io/result_folder.h"
 #include "core/io/sequence_folder.h"
+#include "core/session/finished_clip.h"
+#include "core/session/render_run.h"
+#include "core/session/upsample_run.h"
+#include "core/session/write_queue.h"
 #include "core/tools/commands.h"
-#include "core/tools/finished_clip.h"
 #include "core/tools/progress_bar.h"
-#include "core/tools/render_run.h"
-#include "core/tools/self_check.h"
+#include "core/tools/self_check_aloud.h"
 #include "core/tools/signals.h"
 #include "core/tools/upsample_flags.h"
-#include "core/tools/upsample_run.h"
-#include "core/tools/write_queue.h"
 
 namespace depthtween::tools {
 namespace {

@@ -13,12 +13,12 @@
 #include "core/base/parallel.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
+#include "core/session/scene_flow_files.h"
+#include "core/session/scene_flow_run.h"
+#include "core/session/upsample_run.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
-#include "core/tools/scene_flow_files.h"
-#include "core/tools/scene_flow_run.h"
 #include "core/tools/signals.h"
-#include "core/tools/upsample_run.h"
 
 namespace depthtween::tools {
 namespace {

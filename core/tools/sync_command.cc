@@ -7,11 +7,11 @@
 #include "core/base/parallel.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
-#include "core/tools/clip_clock.h"
+#include "core/session/clip_clock.h"
+#include "core/session/upsample_run.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
 #include "core/tools/signals.h"
-#include "core/tools/upsample_run.h"
 
 namespace depthtween::tools {
 namespace {

@@ -17,15 +17,15 @@
 #include "core/io/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
+#include "core/session/render_run.h"
+#include "core/session/scene_flow_files.h"
+#include "core/session/scene_flow_run.h"
+#include "core/session/self_check.h"
+#include "core/session/upsample_run.h"
+#include "core/session/write_queue.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_pipe.h"
-#include "core/tools/render_run.h"
-#include "core/tools/scene_flow_files.h"
-#include "core/tools/scene_flow_run.h"
-#include "core/tools/self_check.h"
 #include "core/tools/signals.h"
-#include "core/tools/upsample_run.h"
-#include "core/tools/write_queue.h"
 
 namespace depthtween::tools {
 namespace {

@@ -45,11 +45,13 @@ int ReportStatus(const absl::Status& status) {
   return kExitFailed;
 }
 
-int Main(int argc, const char* const* argv) {
+int RunProgram(int argc, const char* const* argv, const char* name, const char* description,
+               const std::function<void(CLI::App& app, int* exit_code)>& add) {
   // First of all, so that an older processor gets a sentence instead of an illegal instruction. fputs: no iostream code
   // that could itself hold one.
   if (const char* missing = MissingProcessorFeature()) {
-    std::fputs("depthtween-core: this processor lacks ", stderr);
+    std::fputs(name, stderr);
+    std::fputs(": this processor lacks ", stderr);
     std::fputs(missing, stderr);
     std::fputs(
         ", which this build needs (x86-64-v3: Intel Haswell of 2013, AMD Zen of 2017, or later). "
@@ -67,19 +69,10 @@ int Main(int argc, const char* const* argv) {
   mallopt(M_ARENA_MAX, 1);
 
   int exit_code = kExitOk;
-  CLI::App app(kDescription, "depthtween-core");
-  app.set_version_flag("--version", "depthtween-core " DEPTHTWEEN_VERSION);
-  app.require_subcommand(1);
+  CLI::App app(description, name);
+  app.set_version_flag("--version", std::string(name) + " " DEPTHTWEEN_VERSION);
   app.get_formatter()->column_width(34);
-  AddSynthCommand(app, &exit_code);
-  AddUpsampleCommand(app, &exit_code);
-  AddSceneFlowCommand(app, &exit_code);
-  AddEvaluateCommand(app, &exit_code);
-  AddBenchmarkCommand(app, &exit_code);
-  AddPreviewCommand(app, &exit_code);
-  AddRenderCommand(app, &exit_code);
-  AddSyncCommand(app, &exit_code);
-  AddTaskCommand(app, &exit_code);
+  add(app, &exit_code);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -90,6 +83,20 @@ int Main(int argc, const char* const* argv) {
     return ReportStatus(absl::InternalError(std::string("unexpected failure, please report it: ") + error.what()));
   }
   return exit_code;
+}
+
+int Main(int argc, const char* const* argv) {
+  return RunProgram(argc, argv, "depthtween-core", kDescription, [](CLI::App& app, int* exit_code) {
+    app.require_subcommand(1);
+    AddSynthCommand(app, exit_code);
+    AddUpsampleCommand(app, exit_code);
+    AddSceneFlowCommand(app, exit_code);
+    AddEvaluateCommand(app, exit_code);
+    AddPreviewCommand(app, exit_code);
+    AddRenderCommand(app, exit_code);
+    AddSyncCommand(app, exit_code);
+    AddTaskCommand(app, exit_code);
+  });
 }
 
 }  // namespace depthtween::tools

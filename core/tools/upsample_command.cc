@@ -9,12 +9,12 @@
 #include "core/base/parallel.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
+#include "core/session/upsample_run.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
-#include "core/tools/self_check.h"
+#include "core/tools/self_check_aloud.h"
 #include "core/tools/signals.h"
 #include "core/tools/upsample_flags.h"
-#include "core/tools/upsample_run.h"
 
 namespace depthtween::tools {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/tools/upsample_run.h"
+#include "core/session/upsample_run.h"
 
 namespace depthtween::tools {
 

@@ -9,8 +9,8 @@
 
 #include "core/base/parallel.h"
 #include "core/io/file.h"
-#include "core/tools/benchmark.h"
 #include "gtest/gtest.h"
+#include "tests/bench/benchmark.h"
 
 namespace depthtween::tools {
 namespace {

@@ -24,8 +24,8 @@ MODULES = {
     "core/metrics": ["core/sequence"],
     "core/synthetic": ["core/io"],
     "core/render": ["core/fill"],
-    "core/tools": ["core/capture", "core/sceneflow", "core/baselines", "core/metrics", "core/synthetic", "core/render",
-                   "core/io"],
+    "core/session": ["core/capture", "core/sceneflow", "core/baselines", "core/metrics", "core/render", "core/io"],
+    "core/tools": ["core/session", "core/synthetic"],
     # Headers that both sides of the wire share; they know no generated type.
     "proto/depthtween": [],
     # The server knows recordings as values and files, never the algorithms: those run in child processes.
@@ -44,7 +44,7 @@ EXTERNAL = [
     ("protobuf", r"google/|depthtween/v1/", r"protobuf::|depthtween_proto", ["server/rpc", "client/lib", "client/cli"]),
     ("SQLite", r"sqlite", r"SQLite", ["server/store"]),
     ("HTTP", r"boost/|curl/|httplib", r"Boost::|CURL::", []),
-    ("OpenCV", r"opencv2/", r"opencv_", ["core/flow", "core/baselines", "core/tools"]),
+    ("OpenCV", r"opencv2/", r"opencv_", ["core/flow", "core/baselines", "core/session", "core/tools"]),
     ("the codecs of libav", r"libav|libsw", r"PkgConfig::LIBAV", ["core/io"]),
     ("CLI11", r"CLI/", r"CLI11::", ["core/tools", "server", "client/cli"]),
     ("spdlog", r"spdlog/", r"spdlog::", ["server/telemetry", "server/rpc"]),

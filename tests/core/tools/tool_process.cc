@@ -13,7 +13,7 @@
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
 
-namespace depthtween::tools {
+namespace depthtween {
 namespace {
 
 namespace fs = std::filesystem;
@@ -139,4 +139,4 @@ std::vector<std::pair<std::string, std::string>> FilesBelow(const std::string& d
   return files;
 }
 
-}  // namespace depthtween::tools
+}  // namespace depthtween

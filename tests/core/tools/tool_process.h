@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace depthtween::tools {
+namespace depthtween {
 
 struct ToolResult {
   int exit_code = -1;  // or -signal
@@ -60,6 +60,6 @@ void WriteTinyRecording(const std::string& dir, int width, int height, int color
 // The bytes of every regular file below `dir`, by path relative to it, sorted.
 std::vector<std::pair<std::string, std::string>> FilesBelow(const std::string& dir);
 
-}  // namespace depthtween::tools
+}  // namespace depthtween
 
 #endif  // DEPTHTWEEN_TESTS_CORE_TOOLS_TOOL_PROCESS_H_

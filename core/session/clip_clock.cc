@@ -1,0 +1,118 @@
+#include "core/session/clip_clock.h"
+
+#include <cmath>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+
+namespace depthtween {
+
+using nlohmann::json;
+
+absl::StatusOr<ClipClock> DecideClock(const FrameSource& recording, const ClockChoice& choice, int threads,
+                                      std::stop_token stop, const std::function<void(int, int)>& on_progress) {
+  const Sequence& sequence = recording.sequence();
+  ClipClock clock{.model = {.reference_ns = sequence.color.front().time_ns}};
+  switch (choice.mode) {
+    case ClockChoice::Mode::kStamps:
+      break;
+    case ClockChoice::Mode::kIndex:
+      clock.color_per_depth = ColorFramesPerDepth(sequence);
+      break;
+    case ClockChoice::Mode::kEstimate: {
+      ASSIGN_OR_RETURN(
+          ClockEstimate estimate,
+          EstimateClock(recording, {.threads = threads, .stop = std::move(stop), .on_progress = on_progress}));
+      if (estimate.reason.empty()) clock.model = estimate.model;
+      clock.estimate = std::move(estimate);
+      break;
+    }
+    case ClockChoice::Mode::kGiven:
+      clock.model.offset_ns = 1e6 * choice.offset_ms;
+      clock.model.drift_ppm = choice.drift_ppm;
+      break;
+  }
+  return clock;
+}
+
+std::string Summary(const ClockEstimate& estimate) {
+  if (!estimate.reason.empty())
+    return absl::StrCat("the images do not tell the depth camera's clock: ", estimate.reason);
+  const ClockModel& model = estimate.model;
+  std::string summary = absl::StrFormat("the depth camera's clock is %.2f ms %s at the first colour frame (+-%.2f ms)",
+                                        1e-6 * std::abs(model.offset_ns), model.offset_ns < 0 ? "behind" : "ahead",
+                                        1e-6 * estimate.offset_sigma_ns);
+  if (model.drift_ppm != 0)
+    absl::StrAppendFormat(&summary, " and %s %.0f ppm (+-%.0f ppm)", model.drift_ppm < 0 ? "loses" : "gains",
+                          std::abs(model.drift_ppm), estimate.drift_sigma_ppm);
+  else
+    absl::StrAppendFormat(&summary, "; no drift can be told (+-%.0f ppm)", estimate.drift_sigma_ppm);
+  absl::StrAppendFormat(&summary, "; from %d edge pixels of %d depth frames", estimate.edges, estimate.keys);
+  return summary;
+}
+
+json ToJson(const ClockEstimate& estimate) {
+  return {{"trusted", estimate.reason.empty()},
+          {"reason", estimate.reason},
+          {"summary", Summary(estimate)},
+          {"reference_ns", estimate.model.reference_ns},
+          {"offset_ns", estimate.model.offset_ns},
+          {"offset_sigma_ns", estimate.offset_sigma_ns},
+          {"drift_ppm", estimate.model.drift_ppm},
+          {"drift_sigma_ppm", estimate.drift_sigma_ppm},
+          {"stamp_sigma_ns", estimate.stamp_sigma_ns},
+          {"row_time_ns", estimate.row_time_ns},
+          {"row_time_sigma_ns", estimate.row_time_sigma_ns},
+          {"keys", estimate.keys},
+          {"edges", estimate.edges}};
+}
+
+json ToJson(const ClipClock& clock) {
+  const ClockModel& model = clock.model;
+  json value = {{"reference_ns", model.reference_ns},
+                {"offset_ns", model.offset_ns},
+                {"drift_ppm", model.drift_ppm},
+                {"color_per_depth", clock.color_per_depth}};
+  if (clock.estimate.has_value()) value["estimate"] = ToJson(*clock.estimate);
+  return value;
+}
+
+namespace {
+
+ClockEstimate EstimateOf(const json& estimate) {
+  return {.reason = estimate.at("reason").get<std::string>(),
+          .model = {.reference_ns = estimate.at("reference_ns").get<int64_t>(),
+                    .offset_ns = estimate.at("offset_ns").get<double>(),
+                    .drift_ppm = estimate.at("drift_ppm").get<double>()},
+          .offset_sigma_ns = estimate.at("offset_sigma_ns").get<double>(),
+          .drift_sigma_ppm = estimate.at("drift_sigma_ppm").get<double>(),
+          .stamp_sigma_ns = estimate.at("stamp_sigma_ns").get<double>(),
+          .row_time_ns = estimate.at("row_time_ns").get<double>(),
+          .row_time_sigma_ns = estimate.at("row_time_sigma_ns").get<double>(),
+          .keys = estimate.at("keys").get<int>(),
+          .edges = estimate.at("edges").get<int64_t>()};
+}
+
+}  // namespace
+
+ClipClock ClockOf(const json& plan_or_report) {
+  if (!plan_or_report.contains("clock")) return {};
+  const json& clock = plan_or_report.at("clock");
+  return {.model = {.reference_ns = clock.at("reference_ns").get<int64_t>(),
+                    .offset_ns = clock.at("offset_ns").get<double>(),
+                    .drift_ppm = clock.at("drift_ppm").get<double>()},
+          .color_per_depth = clock.at("color_per_depth").get<int>(),
+          .estimate = clock.contains("estimate") ? std::optional(EstimateOf(clock.at("estimate"))) : std::nullopt};
+}
+
+Sequence ByStamps(const Sequence& recording, const ClipClock& clock) {
+  return PairDepthWithinJitter(CorrectDepthStamps(recording, clock.model));
+}
+
+Sequence InputOf(const Sequence& recording, const ClipClock& clock, int key_every) {
+  return KeepEveryNthDepth(
+      clock.color_per_depth > 0 ? PairDepthByIndex(recording, clock.color_per_depth) : ByStamps(recording, clock),
+      key_every);
+}
+
+}  // namespace depthtween

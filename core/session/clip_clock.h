@@ -1,0 +1,66 @@
+// Which clock the depth frames of a clip are taken by, and the recording as an upsampling sees it.
+#ifndef DEPTHTWEEN_CORE_SESSION_CLIP_CLOCK_H_
+#define DEPTHTWEEN_CORE_SESSION_CLIP_CLOCK_H_
+
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <stop_token>
+#include <string>
+
+#include "core/base/status.h"
+#include "core/capture/synchronise.h"
+#include "core/sequence/clock.h"
+#include "core/sequence/sequence.h"
+
+namespace depthtween {
+
+// The clock of one clip: what the choice comes to, decided once and then frozen.
+struct ClipClock {
+  ClockModel model;                       // the identity for stamps and index
+  int color_per_depth = 0;                // > 0: pair by index
+  std::optional<ClockEstimate> estimate;  // how sure `model` is, if it was measured
+};
+
+// Decides. Only an estimate looks at frames, of all depth frames of the recording; it takes `threads`, which do not
+// change it, and the rest as SynchroniseOptions has it. Errors: of EstimateClock.
+absl::StatusOr<ClipClock> DecideClock(const FrameSource& recording, const ClockChoice& choice, int threads,
+                                      std::stop_token stop = {},
+                                      const std::function<void(int done, int total)>& on_progress = nullptr);
+
+// An estimate in one sentence for people, such as "the depth clock is 4.0 ms ahead (+-0.1)..., gains 3012 ppm (+-20)".
+std::string Summary(const ClockEstimate& estimate);
+// The members with their units, "trusted" (no reason against it) and "summary".
+nlohmann::json ToJson(const ClockEstimate& estimate);
+
+nlohmann::json ToJson(const ClipClock& clock);
+// The field "clock" of a clip plan or report; the identity where there is none, as in results of earlier versions.
+// Throws nlohmann::json::exception if ToJson did not make it.
+ClipClock ClockOf(const nlohmann::json& plan_or_report);
+
+// The recording with the stamps of its depth frames put right, where its stamps mean anything: on the colour camera's
+// clock, and equal to that of the colour frame they were taken with, as far as jitter allows to tell. What pairing by
+// index says does not count.
+Sequence ByStamps(const Sequence& recording, const ClipClock& clock);
+
+// The recording as an upsampling sees it: by stamps or by index, with every `key_every`-th depth frame kept.
+Sequence InputOf(const Sequence& recording, const ClipClock& clock, int key_every);
+
+// The same as a source of frames. Borrows `recording`.
+class ClipSource : public FrameSource {
+ public:
+  ClipSource(const FrameSource& recording, const ClipClock& clock, int key_every)
+      : recording_(recording), key_every_(key_every), sequence_(InputOf(recording.sequence(), clock, key_every)) {}
+  const Sequence& sequence() const override { return sequence_; }
+  absl::StatusOr<Image<Rgb8>> Color(int index) const override { return recording_.Color(index); }
+  absl::StatusOr<Image<float>> Depth(int index) const override { return recording_.Depth(index * key_every_); }
+
+ private:
+  const FrameSource& recording_;
+  const int key_every_;
+  const Sequence sequence_;
+};
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_SESSION_CLIP_CLOCK_H_

@@ -1,0 +1,368 @@
+#include "core/session/upsample_run.h"
+
+#include <malloc.h>
+
+#include <algorithm>
+#include <chrono>
+#include <map>
+#include <opencv2/core/version.hpp>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "core/baselines/baselines.h"
+#include "core/io/file.h"
+#include "core/session/render_options.h"
+#include "core/session/scene_flow_files.h"
+#include "core/session/write_queue.h"
+#include "core/upsample/pipeline.h"
+
+namespace depthtween {
+namespace {
+
+using nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+double SecondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+// Parses `text` and hands the value to `read`, turning what nlohmann throws at a wrong type into a status that names
+// `what`.
+template <typename Read>
+auto ParseJson(std::string_view text, const char* what, Read read) -> decltype(read(json())) {
+  try {
+    const json value = json::parse(text);
+    if (!value.is_object()) return absl::InvalidArgumentError(absl::StrCat(what, ": must be a JSON object"));
+    return read(value);
+  } catch (const json::exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat(what, ": ", error.what()));
+  }
+}
+
+// Bytes that are not UTF-8 are replaced.
+std::string Dump(const json& value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); }
+
+json IntervalToJson(const Interval& interval) {
+  return {{"index", interval.index},
+          {"first_frame", interval.first_frame},
+          {"frame_count", interval.frame_count},
+          {"held", interval.Held()}};
+}
+
+}  // namespace
+
+absl::Status UpsampleOptions::Validate() const {
+  const auto contains = [](const std::vector<std::string>& names, const std::string& name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  const auto list = [](const std::vector<std::string>& names) { return absl::StrJoin(names, ", "); };
+  if (!contains(UpsampleMethods(), method))
+    return FieldError("options.method", absl::StrFormat("= '%s', must be one of: %s", method, list(UpsampleMethods())));
+  if (key_every < 1)
+    return FieldError("options.key_every",
+                      absl::StrFormat("= %d, must be at least 1 (1 keeps every depth frame)", key_every));
+  if (threads < 1 || threads > kMaxThreads)
+    return FieldError("options.threads", absl::StrFormat("= %d, must be 1 to %d", threads, kMaxThreads));
+  if (!contains(PresetNames(), preset))
+    return FieldError("options.preset", absl::StrFormat("= '%s', must be one of: %s", preset, list(PresetNames())));
+  for (const std::string& part : without)
+    if (!contains(PartNames(), part))
+      return FieldError("options.without", absl::StrFormat("has '%s', must be some of: %s", part, list(PartNames())));
+  for (const std::string& choice : literal)
+    if (!contains(LiteralNames(), choice))
+      return FieldError("options.literal",
+                        absl::StrFormat("has '%s', must be some of: %s", choice, list(LiteralNames())));
+  const UpsampleOptions defaults;
+  const auto only_ours = [&](const char* field) {
+    return FieldError(absl::StrCat("options.", field),
+                      absl::StrFormat("is for method 'ours' alone, and the method is '%s'", method));
+  };
+  if (method != "ours" && preset != defaults.preset) return only_ours("preset");
+  if (method != "ours" && !without.empty()) return only_ours("without");
+  if (method != "ours" && !literal.empty()) return only_ours("literal");
+  if (preset != "reference" && !literal.empty())
+    return FieldError("options.literal",
+                      absl::StrFormat("is for preset 'reference' alone, and the preset is '%s'", preset));
+  if (method != "ours" && causal) return only_ours("causal");
+  if (method != "ours" && self_check) return only_ours("self_check");
+  if (method != "ours" && scene_flow) return only_ours("scene_flow");
+  if (causal && scene_flow)
+    return FieldError("options.scene_flow", "does not go with causal: what follows a frame is not known then");
+  if (const absl::Status known = ParseClockChoice(clock).status(); !known.ok())
+    return FieldError("options.clock", std::string(known.message()));
+  return absl::OkStatus();
+}
+
+json ToJson(const UpsampleOptions& options) {
+  return {{"method", options.method},           {"key_every", options.key_every},  {"threads", options.threads},
+          {"keep_motion", options.keep_motion}, {"preset", options.preset},        {"without", options.without},
+          {"literal", options.literal},         {"causal", options.causal},        {"clock", options.clock},
+          {"self_check", options.self_check},   {"scene_flow", options.scene_flow}};
+}
+
+absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
+  return ParseJson(text, "options", [](const json& value) -> absl::StatusOr<UpsampleOptions> {
+    UpsampleOptions options;
+    for (const auto& [field, entry] : value.items()) {
+      const auto wrong = [&entry = entry, &field = field](const char* rule) {
+        return FieldError("options." + field, absl::StrFormat("= %s, must be %s", Dump(entry), rule));
+      };
+      const auto read_int = [&](int& out) {
+        if (!entry.is_number_integer() || entry.get<json::number_integer_t>() != entry.get<int>())
+          return wrong("a whole number");
+        out = entry.get<int>();
+        return absl::OkStatus();
+      };
+      const auto read_text = [&](std::string& out) {
+        if (!entry.is_string()) return wrong("a string");
+        out = entry.get<std::string>();
+        return absl::OkStatus();
+      };
+      const auto read_flag = [&](bool& out) {
+        if (!entry.is_boolean()) return wrong("true or false");
+        out = entry.get<bool>();
+        return absl::OkStatus();
+      };
+      const auto read_texts = [&](std::vector<std::string>& out) {
+        if (!entry.is_array() || !std::all_of(entry.begin(), entry.end(), [](const json& e) { return e.is_string(); }))
+          return wrong("a list of strings");
+        out = entry.get<std::vector<std::string>>();
+        return absl::OkStatus();
+      };
+      if (field == "method") {
+        RETURN_IF_ERROR(read_text(options.method));
+      } else if (field == "clock") {
+        RETURN_IF_ERROR(read_text(options.clock));
+      } else if (field == "key_every") {
+        RETURN_IF_ERROR(read_int(options.key_every));
+      } else if (field == "threads") {
+        RETURN_IF_ERROR(read_int(options.threads));
+      } else if (field == "keep_motion") {
+        RETURN_IF_ERROR(read_flag(options.keep_motion));
+      } else if (field == "preset") {
+        RETURN_IF_ERROR(read_text(options.preset));
+      } else if (field == "without") {
+        RETURN_IF_ERROR(read_texts(options.without));
+      } else if (field == "literal") {
+        RETURN_IF_ERROR(read_texts(options.literal));
+      } else if (field == "causal") {
+        RETURN_IF_ERROR(read_flag(options.causal));
+      } else if (field == "scene_flow") {
+        RETURN_IF_ERROR(read_flag(options.scene_flow));
+      } else if (field == "self_check") {
+        RETURN_IF_ERROR(read_flag(options.self_check));
+      } else {
+        const json all = ToJson(UpsampleOptions());
+        std::vector<std::string> known;
+        for (const auto& [name, unused] : all.items()) known.push_back(name);
+        return FieldError("options." + field,
+                          absl::StrCat("is not known: the options are ", absl::StrJoin(known, ", ")));
+      }
+    }
+    RETURN_IF_ERROR(options.Validate());
+    return options;
+  });
+}
+
+absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options) {
+  RETURN_IF_ERROR(options.Validate());
+  if (options.method != "ours") return MakeBaseline(options.method);
+  ASSIGN_OR_RETURN(PipelineOptions pipeline, PipelineOptions::ForPreset(options.preset));
+  for (const std::string& part : options.without) RETURN_IF_ERROR(pipeline.SwitchOff(part));
+  for (const std::string& choice : options.literal) RETURN_IF_ERROR(pipeline.solver.TakeLiterally(choice));
+  pipeline.causal = options.causal;
+  RETURN_IF_ERROR(pipeline.Validate());
+  return MakePipeline(pipeline);
+}
+
+absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options, std::stop_token stop,
+                                     const std::function<void(int, int)>& on_clock) {
+  RETURN_IF_ERROR(Validate(recording.sequence()));
+  ClipPlan plan;
+  ASSIGN_OR_RETURN(const ClockChoice choice, ParseClockChoice(options.clock));
+  ASSIGN_OR_RETURN(plan.clock, DecideClock(recording, choice, options.threads, std::move(stop), on_clock));
+  const ClipSource source(recording, plan.clock, options.key_every);
+  RETURN_IF_ERROR(WithContext(Validate(source.sequence()), absl::StrCat("with options.clock = ", options.clock)));
+  ASSIGN_OR_RETURN(plan.constants, EstimateClipConstants(source, options.causal));
+  if (plan.clock.estimate.has_value() && !plan.clock.estimate->reason.empty())
+    plan.constants.warnings.push_back(absl::StrCat(Summary(*plan.clock.estimate), "; the stamps are kept"));
+  plan.intervals = PlanIntervals(source.sequence());
+  if (source.sequence().depth.size() == 1)
+    plan.constants.warnings.push_back(
+        "only one depth frame is input, so every frame holds it: a smaller key_every keeps more");
+  return plan;
+}
+
+json ToJson(const ClipConstants& constants) {
+  return {{"noise_a_m", constants.noise_a_m},           {"noise_b_per_m", constants.noise_b_per_m},
+          {"preview_near_m", constants.preview_near_m}, {"preview_far_m", constants.preview_far_m},
+          {"median_depth_m", constants.median_depth_m}, {"warnings", constants.warnings}};
+}
+
+ClipConstants ConstantsFromJson(const json& constants) {
+  return {.noise_a_m = constants.at("noise_a_m").get<double>(),
+          .noise_b_per_m = constants.at("noise_b_per_m").get<double>(),
+          .preview_near_m = constants.at("preview_near_m").get<double>(),
+          .preview_far_m = constants.at("preview_far_m").get<double>(),
+          .median_depth_m = constants.at("median_depth_m").get<double>(),
+          .warnings = constants.at("warnings").get<std::vector<std::string>>()};
+}
+
+json ToJson(const ClipPlan& plan, const Sequence& recording) {
+  json intervals = json::array();
+  for (const Interval& interval : plan.intervals) intervals.push_back(IntervalToJson(interval));
+  json frames = json::array();
+  for (size_t i = 0; i < recording.color.size(); ++i)
+    frames.push_back({{"index", i}, {"time_ns", recording.color[i].time_ns}, {"stem", recording.color[i].Stem()}});
+  return {{"constants", ToJson(plan.constants)},
+          {"clock", ToJson(plan.clock)},
+          {"intervals", std::move(intervals)},
+          {"frames", std::move(frames)}};
+}
+
+absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& recording,
+                                       const UpsampleOptions& options) {
+  return ParseJson(text, "constants", [&](const json& value) -> absl::StatusOr<ClipPlan> {
+    ClipPlan plan;
+    plan.constants = ConstantsFromJson(value.at("constants"));
+    plan.clock = ClockOf(value);
+    // Intervals follow from the recording and its clock; those in the file tell whether it belongs to this one.
+    plan.intervals = PlanIntervals(InputOf(recording, plan.clock, options.key_every));
+    json expected = json::array();
+    for (const Interval& interval : plan.intervals) expected.push_back(IntervalToJson(interval));
+    if (value.at("intervals") != expected)
+      return absl::FailedPreconditionError(
+          "constants: made for another sequence or another key_every: run prepare again");
+    return plan;
+  });
+}
+
+absl::Status CheckIntervals(const ClipPlan& plan, int first, int count) {
+  const int interval_count = static_cast<int>(plan.intervals.size());
+  if (first >= 0 && count >= 1 && first < interval_count && count <= interval_count - first) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrFormat("%d intervals from interval %d on are not there: this clip has intervals 0 to %d", count, first,
+                      interval_count - 1));
+}
+
+json ToJson(const IntervalReport& report) {
+  return {{"interval", report.index},
+          {"seconds", report.seconds},
+          {"frames", report.summary.frames},
+          {"motion_frames", report.motion_frames},
+          {"termination", report.summary.termination},
+          {"stages", report.summary.stage_seconds}};
+}
+
+absl::StatusOr<IntervalReport> ParseIntervalReport(std::string_view text) {
+  return ParseJson(text, "interval report", [](const json& value) -> absl::StatusOr<IntervalReport> {
+    return IntervalReport{.index = value.at("interval").get<int>(),
+                          .seconds = value.at("seconds").get<double>(),
+                          .summary = {.termination = value.at("termination").get<std::string>(),
+                                      .frames = value.at("frames").get<int>(),
+                                      .stage_seconds = value.at("stages").get<std::map<std::string, double>>()},
+                          .motion_frames = value.value("motion_frames", -1)};
+  });
+}
+
+absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsampler, const FrameSource& source,
+                                                         const ClipPlan& plan, int first, int count,
+                                                         const UpsampleOptions& options, std::stop_token stop,
+                                                         const ResultWriter& writer, RunObserver& observer) {
+  RETURN_IF_ERROR(CheckIntervals(plan, first, count));
+  std::vector<IntervalReport> reports;
+  for (int i = first; i < first + count; ++i) {
+    const auto start = Clock::now();
+    // Packing and syncing three PNGs takes a good part of the time that computing them does.
+    WriteQueue queue(options.threads, [&](int frame) { observer.OnFrame(i, frame); });
+    const RunContext context{.threads = options.threads,
+                             .stop = stop,
+                             .want_motion = options.NeedsMotion(),
+                             .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
+    IntervalReport report{.index = i, .motion_frames = 0};
+    const auto sink = [&](DepthResult result) -> absl::Status {
+      if (stop.stop_requested()) return absl::CancelledError("stopped");
+      const int frame = result.color_index;
+      report.motion_frames += result.motion_next.empty() ? 0 : 1;
+      return queue.Add(frame, [&writer, result = std::move(result)] { return writer.Write(result); });
+    };
+    ASSIGN_OR_RETURN(report.summary, upsampler.Run(source, plan.constants, plan.intervals[i], context, sink));
+    const auto computed = Clock::now();
+    RETURN_IF_ERROR(queue.Finish());
+    report.summary.stage_seconds["write"] += SecondsSince(computed);
+    report.seconds = SecondsSince(start);
+    RETURN_IF_ERROR(observer.OnIntervalDone(report));
+    reports.push_back(std::move(report));
+    // Fragments of one interval must not become the floor of the next: memory is that of an interval, not of a clip.
+    malloc_trim(0);
+  }
+  return reports;
+}
+
+namespace {
+
+// Scene flow takes a frame without motion for one that has none to give, so that what is lost would go unnoticed.
+absl::Status CheckMotion(const std::string& dir, const Sequence& sequence, const ClipPlan& plan,
+                         const std::vector<IntervalReport>& reports) {
+  for (const IntervalReport& report : reports) {
+    const Interval& interval = plan.intervals[report.index];
+    int there = 0;
+    for (int i = interval.first_frame; i < interval.first_frame + interval.frame_count; ++i)
+      there += FileExists(JoinPath(dir, ResultMotionName(sequence.color[i].Stem()))) ? 1 : 0;
+    if (there < report.motion_frames)
+      return absl::DataLossError(absl::StrFormat(
+          "interval %d: the motion of %d frames was written, and that of %d is there: the other files are "
+          "lost, compute the clip again",
+          report.index, report.motion_frames, there));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
+                            const ClipPlan& plan, const std::vector<IntervalReport>& reports, json renders,
+                            json self_check, const ResultWriter& writer, const AssemblyContext& context) {
+  std::vector<bool> seen(plan.intervals.size(), false);
+  double seconds = 0.0;
+  int frames = 0, held_frames = 0;
+  std::map<std::string, double> stages;
+  std::map<std::string, int> terminations;
+  for (const IntervalReport& report : reports) {
+    if (report.index < 0 || report.index >= static_cast<int>(seen.size()) || seen[report.index])
+      return absl::FailedPreconditionError(
+          absl::StrFormat("interval %d is reported but not part of the clip, or reported twice", report.index));
+    seen[report.index] = true;
+    seconds += report.seconds;
+    frames += report.summary.frames;
+    if (plan.intervals[report.index].Held()) held_frames += report.summary.frames;
+    for (const auto& [stage, stage_seconds] : report.summary.stage_seconds) stages[stage] += stage_seconds;
+    ++terminations[report.summary.termination];
+  }
+  const auto missing = std::find(seen.begin(), seen.end(), false);
+  if (missing != seen.end())
+    return absl::FailedPreconditionError(
+        absl::StrFormat("interval %d has not been computed: run it first", missing - seen.begin()));
+  json report = {{"sequence", sequence_dir.empty() ? json() : json(sequence_dir)},
+                 {"options", ToJson(options)},
+                 {"frames", frames},
+                 {"held_frames", held_frames},
+                 {"keys", sequence.depth.size()},
+                 {"intervals", plan.intervals.size()},
+                 {"terminations", terminations},
+                 {"seconds", seconds},
+                 {"stages", stages},
+                 {"renders", std::move(renders)},
+                 {"constants", ToJson(plan.constants)},
+                 {"clock", ToJson(plan.clock)},
+                 {"warnings", plan.constants.warnings},
+                 {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}};
+  if (options.scene_flow) {
+    RETURN_IF_ERROR(CheckMotion(writer.dir(), sequence, plan, reports));
+    ASSIGN_OR_RETURN(report["scene_flow_frames"], AddSceneFlow(writer.dir(), sequence, plan.constants, options.threads,
+                                                               context.stop, context.on_scene_flow));
+  }
+  if (!self_check.is_null()) report["self_check"] = std::move(self_check);
+  return writer.Finish(std::move(report));
+}
+
+}  // namespace depthtween

@@ -1,0 +1,131 @@
+// Upsampling a clip, in the steps that `depthtween-core upsample` takes in one process and the server in several.
+//
+// Grammar of use:  PrepareClip RunIntervals* AssembleResult  - once per clip; then any intervals, in any order,
+// batching and process, all writing into one result folder; then once, when every interval is there. What passes
+// between the steps has an exact JSON form, so the bits do not depend on how the work was divided.
+#ifndef DEPTHTWEEN_CORE_SESSION_UPSAMPLE_RUN_H_
+#define DEPTHTWEEN_CORE_SESSION_UPSAMPLE_RUN_H_
+
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/status.h"
+#include "core/io/result_folder.h"
+#include "core/sequence/upsample_names.h"
+#include "core/session/clip_clock.h"
+#include "core/upsample/upsampler.h"
+
+namespace depthtween {
+
+// What a user may ask of an upsampling, locally or from the server.
+struct UpsampleOptions {
+  std::string method = "ours";   // one of UpsampleMethods()
+  int key_every = 1;             // keep depth frames 0, n, 2n, ... as input. >= 1
+  int threads = 1;               // does not change the result. 1 to kMaxThreads
+  bool keep_motion = false;      // between colour frames, for renders that look at other frames
+  std::string clock = "stamps";  // how depth frames are brought onto the colour camera's clock: see ClockChoice
+  // Of method "ours" alone; with another they must stay as they are here.
+  std::string preset = "balanced";   // one of PresetNames(): what accuracy may cost
+  std::vector<std::string> without;  // of PartNames(): stages left out, to learn what each is worth
+  // Of LiteralNames(): choices of the paper taken as printed. With preset "reference" alone.
+  std::vector<std::string> literal;
+  bool causal = false;  // each frame from what had been seen by then alone
+
+  bool scene_flow = false;  // also the 3-D motion of every frame between depth frames: scene_flow_files.h; keeps motion
+
+  bool self_check = false;  // first measure on held-out depth frames how good it is: self_check.h
+
+  bool NeedsMotion() const { return keep_motion || scene_flow; }
+  // InvalidArgument about "options.FIELD", which FieldOf (render_options.h) gives.
+  absl::Status Validate() const;
+};
+
+nlohmann::json ToJson(const UpsampleOptions& options);
+// Fields left out keep their defaults. InvalidArgument names an unknown or wrong field.
+absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view json);
+
+// The upsampler that `options.method` names.
+absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options);
+
+// What is decided once per clip.
+struct ClipPlan {
+  ClipConstants constants;
+  ClipClock clock;
+  std::vector<Interval> intervals;
+};
+
+// From here on the clip is read through ClipSource(recording, plan.clock, options.key_every).
+// Only a clock that is to be estimated takes time: it heeds `stop` and tells `on_clock`, which may be empty, how many
+// of its looks at frames are done.
+absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options,
+                                     std::stop_token stop = {},
+                                     const std::function<void(int done, int total)>& on_clock = nullptr);
+
+// {"constants": {...}, "clock": {...}, "intervals": [{"index", "first_frame", "frame_count", "held"}], "frames":
+// [{"index", "time_ns", "stem"}]}; constants and clock survive the round trip to the last bit.
+nlohmann::json ToJson(const ClipPlan& plan, const Sequence& recording);
+// FailedPrecondition if the plan was made for another recording or other options.
+absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view json, const Sequence& recording,
+                                       const UpsampleOptions& options);
+
+nlohmann::json ToJson(const ClipConstants& constants);
+// Throws nlohmann::json::exception for JSON that ToJson did not make.
+ClipConstants ConstantsFromJson(const nlohmann::json& constants);
+
+// InvalidArgument unless the clip has intervals [first, first + count), at least one.
+absl::Status CheckIntervals(const ClipPlan& plan, int first, int count);
+
+// What became of one interval.
+struct IntervalReport {
+  int index = -1;
+  double seconds = 0.0;  // wall time, writing included; stages add "write", what was left to wait for
+  IntervalSummary summary;
+  int motion_frames = -1;  // frames whose motion was written; -1: nobody counted
+};
+
+nlohmann::json ToJson(const IntervalReport& report);
+absl::StatusOr<IntervalReport> ParseIntervalReport(std::string_view json);
+
+// Is told how a run gets on, on the thread that runs.
+class RunObserver {
+ public:
+  virtual ~RunObserver() = default;
+  virtual void OnStage(int interval, std::string_view stage) = 0;
+  // The frame's files are on the disk.
+  virtual void OnFrame(int interval, int frame) = 0;
+  // An error ends the run and is returned by it.
+  virtual absl::Status OnIntervalDone(const IntervalReport& report) = 0;
+};
+
+// Runs plan.intervals[first .. first + count), writes their frames, and reports on each. Of `options` only `threads`
+// and NeedsMotion() matter here. Errors: InvalidArgument if there are no such intervals; Cancelled when `stop` fires;
+// what source, upsampler, writer and observer return. Frames written before an error are whole and stay.
+absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsampler, const FrameSource& source,
+                                                         const ClipPlan& plan, int first, int count,
+                                                         const UpsampleOptions& options, std::stop_token stop,
+                                                         const ResultWriter& writer, RunObserver& observer);
+
+// While a result is ended: what takes time heeds `stop`, and is told of, from one thread at a time.
+struct AssemblyContext {
+  std::stop_token stop;
+  std::function<void(int done, int total)> on_scene_flow;  // frames that have it; may be empty
+};
+
+// Ends a result: adds scene flow if that was asked for, lists its frames and writes report.json. `reports` are those of
+// all intervals, in any order; `sequence_dir` is where the input came from, for those who look at the result later on
+// the same machine, or empty; `renders` is a JSON list of what was rendered from it, `self_check` the JSON form of a
+// SelfCheck, or null. FailedPrecondition names an interval or frame that is missing, DataLoss an interval that
+// has less motion than was written, when scene flow is made from it; Cancelled when `context.stop`
+// fires.
+absl::Status AssembleResult(const UpsampleOptions& options, const std::string& sequence_dir, const Sequence& sequence,
+                            const ClipPlan& plan, const std::vector<IntervalReport>& reports, nlohmann::json renders,
+                            nlohmann::json self_check, const ResultWriter& writer, const AssemblyContext& context = {});
+
+}  // namespace depthtween
+
+#endif  // DEPTHTWEEN_CORE_SESSION_UPSAMPLE_RUN_H_

@@ -1,0 +1,113 @@
+#include "core/session/clip_clock.h"
+
+#include <utility>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace depthtween {
+namespace {
+
+using testing::HasSubstr;
+
+// Every bit must come back: all tasks of a job see the same stamps. Where nothing is told, stamps are right.
+TEST(ClipClock, SurvivesJson) {
+  const ClipClock clock{.model = {.reference_ns = 1305031232193716000, .offset_ns = 1e6 / 3, .drift_ppm = -1.0 / 7},
+                        .color_per_depth = 8};
+  const ClipClock read = ClockOf(nlohmann::json::parse(nlohmann::json{{"clock", ToJson(clock)}}.dump()));
+  EXPECT_EQ(read.model.reference_ns, clock.model.reference_ns);
+  EXPECT_EQ(read.model.offset_ns, clock.model.offset_ns);
+  EXPECT_EQ(read.model.drift_ppm, clock.model.drift_ppm);
+  EXPECT_EQ(read.color_per_depth, 8);
+  const ClipClock none = ClockOf(nlohmann::json::object());
+  EXPECT_EQ(none.model.ColorTime(12345), 12345);
+  EXPECT_EQ(none.color_per_depth, 0);
+}
+
+// The same of an estimate, with its sigmas and why it is not to be trusted.
+TEST(ClipClock, CarriesItsEstimateThroughJson) {
+  const ClipClock clock{.estimate = ClockEstimate{.reason = "too dark",
+                                                  .model = {.reference_ns = 7, .offset_ns = 1e6 / 3, .drift_ppm = 1.5},
+                                                  .offset_sigma_ns = 1e5 / 7,
+                                                  .drift_sigma_ppm = 0.1,
+                                                  .stamp_sigma_ns = 2e5 / 7,
+                                                  .row_time_ns = -3.5,
+                                                  .row_time_sigma_ns = 0.25,
+                                                  .keys = 12,
+                                                  .edges = 34567}};
+  const nlohmann::json json = {{"clock", ToJson(clock)}};
+  const ClipClock read = ClockOf(nlohmann::json::parse(json.dump()));
+  ASSERT_TRUE(read.estimate.has_value());
+  EXPECT_EQ(ToJson(read), ToJson(clock));
+  EXPECT_EQ(json["clock"]["estimate"]["trusted"], false);
+  EXPECT_THAT(Summary(*read.estimate), HasSubstr("do not tell the depth camera's clock: too dark"));
+  EXPECT_FALSE(ClockOf(nlohmann::json{{"clock", ToJson(ClipClock())}}).estimate.has_value());
+}
+
+TEST(ClockEstimate, IsSaidInASentence) {
+  ClockEstimate estimate{.model = {.offset_ns = -4.04e6, .drift_ppm = 3012},
+                         .offset_sigma_ns = 0.1e6,
+                         .drift_sigma_ppm = 19.4,
+                         .keys = 128,
+                         .edges = 5000};
+  EXPECT_EQ(Summary(estimate),
+            "the depth camera's clock is 4.04 ms behind at the first colour frame (+-0.10 ms) and gains 3012 ppm (+-19 "
+            "ppm); from 5000 edge pixels of 128 depth frames");
+  estimate.model.drift_ppm = 0;
+  EXPECT_THAT(Summary(estimate), HasSubstr("no drift can be told (+-19 ppm)"));
+}
+
+// Nine colour frames a millisecond apart, depth with every second one stamped half a millisecond late. A frame's value
+// tells which it is.
+MemorySource Recording() {
+  Sequence sequence{.camera = {.width = 4, .height = 4, .fx = 4, .fy = 4, .cx = 2, .cy = 2}, .depth_scale = 1000};
+  std::vector<Image<Rgb8>> color;
+  std::vector<Image<float>> depth_m;
+  for (int i = 0; i < 9; ++i) {
+    sequence.color.push_back({i * 1'000'000, "c"});
+    color.emplace_back(4, 4, Rgb8{static_cast<uint8_t>(i), 0, 0});
+    if (i % 2 != 0) continue;
+    sequence.depth.push_back({i * 1'000'000 + 500'000, "d"});
+    depth_m.emplace_back(4, 4, 1.0F + static_cast<float>(i));
+  }
+  return {std::move(sequence), std::move(color), std::move(depth_m)};
+}
+
+// Stamps move, frames stay those of the recording, and every n-th depth frame is the one that its stamp says.
+TEST(ClipSource, HasStampsAndFramesThatBelongTogether) {
+  const MemorySource recording = Recording();
+  for (const int key_every : {1, 2}) {
+    const ClipSource clip(recording, {.model = {.offset_ns = 500'000}}, key_every);
+    ASSERT_EQ(clip.sequence().depth.size(), key_every == 1 ? 5U : 3U);
+    for (size_t k = 0; k < clip.sequence().depth.size(); ++k) {
+      const int color = 2 * key_every * static_cast<int>(k);
+      EXPECT_EQ(clip.sequence().depth[k].time_ns, color * 1'000'000);
+      EXPECT_EQ((*clip.Depth(static_cast<int>(k)))(0, 0), 1.0F + static_cast<float>(color));
+    }
+    EXPECT_EQ(clip.sequence().color[3].time_ns, 3'000'000);
+    EXPECT_EQ((*clip.Color(3))(0, 0).r, 3);
+  }
+  // Pairing comes before leaving out: depth frame k belongs to colour frame 2 k, whichever are kept.
+  const ClipSource paired(recording, {.color_per_depth = 2}, 2);
+  ASSERT_EQ(paired.sequence().depth.size(), 3U);
+  EXPECT_EQ(paired.sequence().depth[1].time_ns, 4'000'000);
+  EXPECT_EQ((*paired.Depth(1))(0, 0), 5.0F);
+}
+
+// Of nine frames no clock can be told: the stamps are kept, and the reason with them. The other choices look at no
+// frame.
+TEST(DecideClock, KeepsStampsWithoutAnEstimateToTrust) {
+  const MemorySource recording = Recording();
+  const auto kept = DecideClock(recording, *ParseClockChoice("estimate"), 1);
+  ASSERT_TRUE(kept.ok()) << kept.status();
+  EXPECT_EQ(kept->model.ColorTime(12345), 12345);
+  ASSERT_TRUE(kept->estimate.has_value());
+  EXPECT_THAT(kept->estimate->reason, HasSubstr("too few"));
+  EXPECT_EQ(DecideClock(recording, *ParseClockChoice("index"), 1)->color_per_depth, 2);
+  EXPECT_EQ(DecideClock(recording, *ParseClockChoice("4,5"), 1)->model.offset_ns, 4e6);
+  EXPECT_FALSE(DecideClock(recording, *ParseClockChoice("stamps"), 1)->estimate.has_value());
+}
+
+}  // namespace
+}  // namespace depthtween
