@@ -11,6 +11,10 @@
 #include "client/cli/common.h"
 #include "client/cli/progress_line.h"
 #include "client/lib/jobs.h"
+#include "core/flags/option_flags.h"
+#include "core/options/scene_flow_options.h"
+#include "core/options/upsample_options.h"
+#include "proto/depthtween/documents.h"
 
 namespace depthtween::cli {
 
@@ -45,11 +49,6 @@ std::string DescribeProgress(const v1::Job& job) {
 }
 
 namespace {
-
-// "METHOD_FLOW_WARP" -> "flow-warp", as flags name it.
-std::string NameOf(const std::string& name, absl::string_view prefix) {
-  return absl::StrReplaceAll(absl::AsciiStrToLower(absl::StripPrefix(name, prefix)), {{"_", "-"}});
-}
 
 std::string Millimetres(double value) { return absl::StrFormat("%.1f", value); }
 
@@ -96,41 +95,12 @@ std::string DescribeFailure(const v1::Job& job) {
 }
 
 std::string DescribeOptions(const v1::Job& job) {
-  std::vector<std::string> flags;
-  const auto list = [&](const char* flag, const auto& names) {
-    if (!names.empty()) flags.push_back(absl::StrCat(flag, " ", Printable(absl::StrJoin(names, ","))));
-  };
-  if (job.has_scene_flow_options()) {
-    const v1::SceneFlowOptions& options = job.scene_flow_options();
-    if (options.method() > v1::SceneFlowOptions::METHOD_OURS) {
-      flags.push_back("--method " + NameOf(v1::SceneFlowOptions::Method_Name(options.method()), "METHOD_"));
-    }
-    std::vector<std::string> formats;
-    for (const int format : options.formats()) {
-      formats.push_back(
-          NameOf(v1::SceneFlowOptions::Format_Name(static_cast<v1::SceneFlowOptions::Format>(format)), "FORMAT_"));
-    }
-    if (formats != std::vector<std::string>{"npz"}) list("--format", formats);
-    if (options.every() > 1) flags.push_back(absl::StrCat("--every ", options.every()));
-  } else {
-    const v1::UpsampleOptions& options = job.options();
-    if (options.method() > v1::UpsampleOptions::METHOD_OURS) {
-      flags.push_back("--method " + NameOf(v1::UpsampleOptions::Method_Name(options.method()), "METHOD_"));
-    }
-    if (options.preset() != v1::UpsampleOptions::PRESET_UNSPECIFIED &&
-        options.preset() != v1::UpsampleOptions::PRESET_BALANCED) {
-      flags.push_back("--preset " + NameOf(v1::UpsampleOptions::Preset_Name(options.preset()), "PRESET_"));
-    }
-    if (options.key_every() > 1) flags.push_back(absl::StrCat("--key-every ", options.key_every()));
-    list("--without", options.without());
-    list("--literal", options.literal());
-    if (options.causal()) flags.emplace_back("--causal");
-    if (!options.clock().empty() && options.clock() != "stamps")
-      flags.push_back("--clock=" + Printable(options.clock()));
-    if (options.scene_flow()) flags.emplace_back("--scene-flow");
-    if (options.self_check()) flags.emplace_back("--self-check");
-  }
-  return flags.empty() ? "" : absl::StrCat("asked for: ", absl::StrJoin(flags, " "), "\n");
+  const bool scene_flow = job.has_scene_flow_options();
+  const google::protobuf::Message& options =
+      scene_flow ? static_cast<const google::protobuf::Message&>(job.scene_flow_options()) : job.options();
+  const std::string flags =
+      FlagsOf(scene_flow ? SceneFlowOptionSpecs() : UpsampleOptionSpecs(), nlohmann::json::parse(DocumentOf(options)));
+  return flags.empty() ? "" : absl::StrCat("asked for: ", Printable(flags), "\n");
 }
 
 std::string DescribeMeasured(const v1::Job& job) {

@@ -12,8 +12,8 @@
 #include "client/cli/exit_codes.h"
 #include "client/cli/job_progress.h"
 #include "client/cli/lost_files.h"
+#include "client/cli/order.h"
 #include "client/cli/progress_line.h"
-#include "client/cli/render_flags.h"
 #include "client/cli/render_places.h"
 #include "client/lib/fetch.h"
 #include "client/lib/files.h"
@@ -42,13 +42,13 @@ struct RenderCommand {
   bool force = false;
 };
 
-v1::RenderOptions::Container ContainerOf(const std::string& output) {
-  if (absl::EndsWithIgnoreCase(output, ".mp4")) return v1::RenderOptions::CONTAINER_MP4;
-  if (absl::EndsWithIgnoreCase(output, ".mkv")) return v1::RenderOptions::CONTAINER_MKV;
-  return v1::RenderOptions::CONTAINER_UNSPECIFIED;
+// "mp4" or "mkv" of a video, else nothing.
+std::string ContainerOf(const std::string& output) {
+  if (absl::EndsWithIgnoreCase(output, ".mp4")) return "mp4";
+  return absl::EndsWithIgnoreCase(output, ".mkv") ? "mkv" : "";
 }
 
-bool IsVideo(const std::string& output) { return ContainerOf(output) != v1::RenderOptions::CONTAINER_UNSPECIFIED; }
+bool IsVideo(const std::string& output) { return !ContainerOf(output).empty(); }
 
 absl::Status CheckFree(const std::string& path, bool force) {
   std::error_code error;
@@ -120,8 +120,7 @@ absl::StatusOr<std::vector<std::string>> FetchRender(client::Connection& connect
 int Render(const RenderCommand& command) {
   const absl::StatusOr<std::string> name = JobName(command.job);
   if (!name.ok()) return Report(name.status());
-  const auto renders = RendersOf(
-      command.flags, command.frame >= 0 ? v1::RenderOptions::CONTAINER_UNSPECIFIED : ContainerOf(command.output));
+  const auto renders = RenderMessagesOf(command.flags, command.frame >= 0 ? "" : ContainerOf(command.output));
   if (!renders.ok()) return Report(renders.status());
   if (renders->size() != 1) return Report(absl::InvalidArgumentError("say what to render: one of --dof and --stereo"));
   const auto connection = Connect(command.common);
@@ -135,6 +134,7 @@ int Render(const RenderCommand& command) {
   order.set_display_name(job->display_name());
   order.set_sequence(job->sequence());
   *order.mutable_options() = job->options();
+  order.set_threads(job->threads());
   order.mutable_options()->clear_scene_flow();  // for pictures it would be made once more
   *order.add_renders() = renders->front();
   order.set_depth_from(*name);

@@ -13,11 +13,10 @@
 #include "client/lib/jobs.h"
 #include "client/lib/local_sequence.h"
 #include "client/lib/upload.h"
+#include "core/options/upsample_options.h"
 
 namespace depthtween::cli {
 namespace {
-
-constexpr int kMaxThreads = 1024;  // that a server takes: UpsampleOptions.threads
 
 double Share(int64_t done, int64_t total) {
   return total > 0 ? static_cast<double>(done) / static_cast<double>(total) : 1.0;
@@ -65,11 +64,11 @@ int ReportRejected(const v1::Sequence& sequence) {
               << "\n";
   }
   if (sequence.violations_size() > 0) {
-    std::cerr << "depthtween: the server rejects this recording; mend the files above and submit it again" << std::endl;
+    std::cerr << "depthtween: the server rejects this recording; fix the files above and submit it again" << std::endl;
     return kExitInputRejected;
   }
   std::cerr << "depthtween: the server could not check this recording: " << PrintableLines(sequence.error().message())
-            << ". When that is mended, 'depthtween delete " << sequence.name() << "' and submit it again" << std::endl;
+            << ". When that is fixed, 'depthtween delete " << sequence.name() << "' and submit it again" << std::endl;
   return kExitFailed;
 }
 
@@ -130,7 +129,7 @@ int Submit(const SubmissionOptions& options, v1::Job order, SubmitResult& result
 
   order.set_display_name(local->display_name);
   order.set_sequence(sequence->name());
-  order.mutable_options()->set_threads(options.threads);
+  order.set_threads(options.threads);
   absl::StatusOr<v1::Job> job = client::SubmitJob(**connection, order);
   if (!job.ok()) return Report(job.status());
   result.job = *job;

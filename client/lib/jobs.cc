@@ -41,37 +41,7 @@ void Apply(const v1::JobEvent& event, v1::Job& job) {
 // The same for the same order alone.
 std::string RequestId(const v1::Job& job) {
   Sha256 id;
-  id.Add(absl::StrCat(job.sequence(), "\n", job.display_name(), "\n", job.options().method(), "\n",
-                      job.options().key_every(), "\n", job.options().threads()));
-  // Jobs without what came later keep the id they had before.
-  const v1::UpsampleOptions& options = job.options();
-  if (options.preset() != v1::UpsampleOptions::PRESET_UNSPECIFIED &&
-      options.preset() != v1::UpsampleOptions::PRESET_BALANCED) {
-    id.Add(absl::StrCat("\npreset ", options.preset()));
-  }
-  for (const std::string& part : options.without()) id.Add("\nwithout " + part);
-  if (options.causal()) id.Add("\ncausal");
-  if (!options.clock().empty() && options.clock() != "stamps") id.Add("\nclock " + options.clock());
-  if (options.self_check()) id.Add("\nself_check");
-  for (const v1::RenderOptions& render : job.renders()) id.Add("\n" + render.SerializeAsString());
-  if (!job.depth_from().empty()) id.Add("\n" + job.depth_from());
-  // Whatever is not spelt out above: nothing that an order says may be left out of its id.
-  v1::Job rest = job;
-  rest.clear_sequence();
-  rest.clear_display_name();
-  rest.clear_renders();
-  rest.clear_depth_from();
-  v1::UpsampleOptions& others = *rest.mutable_options();
-  others.clear_method();
-  others.clear_key_every();
-  others.clear_threads();
-  others.clear_preset();
-  others.clear_without();
-  others.clear_causal();
-  others.clear_clock();
-  others.clear_self_check();
-  if (others.ByteSizeLong() == 0) rest.clear_options();
-  if (rest.ByteSizeLong() > 0) id.Add("\nand " + rest.SerializeAsString());
+  id.Add(job.SerializeAsString());  // has no maps: the same order has the same bytes
   return Hex(id.Finish());
 }
 

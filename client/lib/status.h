@@ -12,21 +12,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/base/status.h"
 #include "google/rpc/status.pb.h"
-
-#define RETURN_IF_ERROR(expression)                                         \
-  do {                                                                      \
-    if (absl::Status status_ = (expression); !status_.ok()) return status_; \
-  } while (false)
-
-#define DEPTHTWEEN_CONCAT_INNER(a, b) a##b
-#define DEPTHTWEEN_CONCAT(a, b) DEPTHTWEEN_CONCAT_INNER(a, b)
-#define ASSIGN_OR_RETURN(declaration, expression) \
-  ASSIGN_OR_RETURN_IMPL(DEPTHTWEEN_CONCAT(status_or_, __LINE__), declaration, expression)
-#define ASSIGN_OR_RETURN_IMPL(temporary, declaration, expression) \
-  auto temporary = (expression);                                  \
-  if (!temporary.ok()) return std::move(temporary).status();      \
-  declaration = *std::move(temporary)
 
 namespace depthtween::client {
 

@@ -20,7 +20,7 @@
 #include <vector>
 
 #include "core/base/status.h"
-#include "core/sequence/upsample_names.h"
+#include "core/options/upsample_options.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {

@@ -18,7 +18,7 @@
 #include "core/fill/key_cleaning.h"
 #include "core/geometry/camera.h"
 #include "core/sequence/rgbd_view.h"
-#include "core/sequence/scene_flow_names.h"
+#include "core/options/scene_flow_options.h"
 
 namespace depthtween {
 

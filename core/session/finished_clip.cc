@@ -23,7 +23,7 @@ absl::StatusOr<FinishedClip> OpenFinishedClip(const std::string& result_dir, con
     if (sequence_dir.empty()) sequence_dir = made_from.get<std::string>();
     constants = ConstantsFromJson(report.at("constants"));
     clock = ClockOf(report);
-    ASSIGN_OR_RETURN(options, ParseUpsampleOptions(report.at("options").dump()));
+    ASSIGN_OR_RETURN(options, ParseUpsampleOptions(report.at("options")));
   } catch (const nlohmann::json::exception& error) {
     return absl::InvalidArgumentError(absl::StrCat(result_dir, "/report.json: ", error.what()));
   }

@@ -24,6 +24,7 @@
 
 #include "core/base/status.h"
 #include "core/io/video.h"
+#include "core/options/field_error.h"
 #include "core/render/comfort.h"
 #include "core/render/depth_of_field.h"
 #include "core/render/focus.h"
@@ -31,13 +32,6 @@
 #include "core/sequence/sequence.h"
 
 namespace depthtween {
-
-// InvalidArgument about a field, "<path> <what>", that remembers the path.
-absl::Status FieldError(const std::string& path, const std::string& what);
-// `status`, whose message begins with a field of the object at `path`, about the whole path. Others stay as they are.
-absl::Status InObject(const std::string& path, const absl::Status& status);
-// The path that FieldError or InObject put there; empty if there is none.
-std::string FieldOf(const absl::Status& status);
 
 struct DepthOfFieldRender {
   LensOptions lens;

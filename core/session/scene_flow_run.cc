@@ -13,7 +13,6 @@
 #include "core/io/npz.h"
 #include "core/io/png.h"
 #include "core/sequence/clock.h"
-#include "core/session/render_options.h"
 #include "core/session/scene_flow_files.h"
 #include "core/session/scene_flow_picture.h"
 
@@ -24,12 +23,6 @@ using nlohmann::json;
 
 constexpr int kPicturedPairs = 3;
 constexpr size_t kNamedFrames = 10;
-constexpr int kMaxEvery = 1'000'000;
-constexpr double kMinBaselineM = 1e-4, kMaxBaselineM = 100.0;
-
-bool Contains(const std::vector<std::string>& names, const std::string& name) {
-  return std::find(names.begin(), names.end(), name) != names.end();
-}
 
 // The depth frame of each colour frame: the nearest in time, at most half a colour frame away.
 absl::StatusOr<std::vector<int>> DepthOfColor(const Sequence& sequence) {
@@ -94,49 +87,6 @@ Image<Rgb8> DrawPicture(const std::vector<PicturedPair>& columns) {
 }
 
 }  // namespace
-
-absl::Status SceneFlowOrder::Validate() const {
-  const auto list = [](const std::vector<std::string>& names) { return absl::StrJoin(names, ", "); };
-  if (!Contains(SceneFlowMethods(), method))
-    return FieldError("sceneflow.method",
-                      absl::StrFormat("= '%s', must be one of: %s", method, list(SceneFlowMethods())));
-  if (formats.empty())
-    return FieldError("sceneflow.formats", absl::StrCat("is empty, must be some of: ", list(SceneFlowFormats())));
-  for (const std::string& format : formats)
-    if (!Contains(SceneFlowFormats(), format))
-      return FieldError("sceneflow.formats",
-                        absl::StrFormat("has '%s', must be some of: %s", format, list(SceneFlowFormats())));
-  if (!(baseline_m >= kMinBaselineM && baseline_m <= kMaxBaselineM))
-    return FieldError("sceneflow.baseline_m",
-                      absl::StrFormat("= %g, must be %g to %g", baseline_m, kMinBaselineM, kMaxBaselineM));
-  if (every < 1 || every > kMaxEvery)
-    return FieldError("sceneflow.every", absl::StrFormat("= %d, must be 1 to %d", every, kMaxEvery));
-  return absl::OkStatus();
-}
-
-absl::StatusOr<SceneFlowOrder> ParseSceneFlowOrder(const json& value) {
-  if (!value.is_object()) return FieldError("sceneflow", "must be a JSON object");
-  SceneFlowOrder order;
-  for (const auto& [field, entry] : value.items()) {
-    try {
-      if (field == "method") {
-        order.method = entry.get<std::string>();
-      } else if (field == "formats") {
-        order.formats = entry.get<std::vector<std::string>>();
-      } else if (field == "baseline_m") {
-        order.baseline_m = entry.get<double>();
-      } else if (field == "every") {
-        order.every = entry.get<int>();
-      } else {
-        return FieldError("sceneflow." + field, "is not known: the options are method, formats, baseline_m, every");
-      }
-    } catch (const json::exception&) {
-      return FieldError("sceneflow." + field, "is of the wrong type");
-    }
-  }
-  RETURN_IF_ERROR(order.Validate());
-  return order;
-}
 
 absl::StatusOr<std::vector<FramePair>> PlanPairs(const Sequence& sequence, int every) {
   ASSIGN_OR_RETURN(const std::vector<int> depth_of, DepthOfColor(sequence));

@@ -12,25 +12,10 @@
 
 #include "core/base/status.h"
 #include "core/io/sequence_folder.h"
+#include "core/options/scene_flow_options.h"
 #include "core/sceneflow/scene_flow.h"
-#include "core/sequence/scene_flow_names.h"
 
 namespace depthtween {
-
-// What a user may ask of a scene flow, locally or from the server.
-struct SceneFlowOrder {
-  std::string method = "ours";                 // one of SceneFlowMethods()
-  std::vector<std::string> formats = {"npz"};  // of SceneFlowFormats(), at least one
-  double baseline_m = kDefaultBaselineM;       // of the disparities of "kitti". 1e-4 to 100
-  int every = 1;                               // from every n-th colour frame to the n-th after it. 1 to 1,000,000
-  int threads = 1;                             // does not change the result
-
-  // InvalidArgument about "sceneflow.FIELD", which FieldOf (render_options.h) gives.
-  absl::Status Validate() const;
-};
-
-// Fields left out keep their defaults; `threads` is no field of it. InvalidArgument names an unknown or wrong field.
-absl::StatusOr<SceneFlowOrder> ParseSceneFlowOrder(const nlohmann::json& value);
 
 // Two colour frames, and the depth frame of each.
 struct FramePair {

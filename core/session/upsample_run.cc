@@ -12,7 +12,6 @@
 #include "absl/strings/str_join.h"
 #include "core/baselines/baselines.h"
 #include "core/io/file.h"
-#include "core/session/render_options.h"
 #include "core/session/scene_flow_files.h"
 #include "core/session/write_queue.h"
 #include "core/upsample/pipeline.h"
@@ -38,8 +37,6 @@ auto ParseJson(std::string_view text, const char* what, Read read) -> decltype(r
   }
 }
 
-// Bytes that are not UTF-8 are replaced.
-std::string Dump(const json& value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); }
 
 json IntervalToJson(const Interval& interval) {
   return {{"index", interval.index},
@@ -50,121 +47,8 @@ json IntervalToJson(const Interval& interval) {
 
 }  // namespace
 
-absl::Status UpsampleOptions::Validate() const {
-  const auto contains = [](const std::vector<std::string>& names, const std::string& name) {
-    return std::find(names.begin(), names.end(), name) != names.end();
-  };
-  const auto list = [](const std::vector<std::string>& names) { return absl::StrJoin(names, ", "); };
-  if (!contains(UpsampleMethods(), method))
-    return FieldError("options.method", absl::StrFormat("= '%s', must be one of: %s", method, list(UpsampleMethods())));
-  if (key_every < 1)
-    return FieldError("options.key_every",
-                      absl::StrFormat("= %d, must be at least 1 (1 keeps every depth frame)", key_every));
-  if (threads < 1 || threads > kMaxThreads)
-    return FieldError("options.threads", absl::StrFormat("= %d, must be 1 to %d", threads, kMaxThreads));
-  if (!contains(PresetNames(), preset))
-    return FieldError("options.preset", absl::StrFormat("= '%s', must be one of: %s", preset, list(PresetNames())));
-  for (const std::string& part : without)
-    if (!contains(PartNames(), part))
-      return FieldError("options.without", absl::StrFormat("has '%s', must be some of: %s", part, list(PartNames())));
-  for (const std::string& choice : literal)
-    if (!contains(LiteralNames(), choice))
-      return FieldError("options.literal",
-                        absl::StrFormat("has '%s', must be some of: %s", choice, list(LiteralNames())));
-  const UpsampleOptions defaults;
-  const auto only_ours = [&](const char* field) {
-    return FieldError(absl::StrCat("options.", field),
-                      absl::StrFormat("is for method 'ours' alone, and the method is '%s'", method));
-  };
-  if (method != "ours" && preset != defaults.preset) return only_ours("preset");
-  if (method != "ours" && !without.empty()) return only_ours("without");
-  if (method != "ours" && !literal.empty()) return only_ours("literal");
-  if (preset != "reference" && !literal.empty())
-    return FieldError("options.literal",
-                      absl::StrFormat("is for preset 'reference' alone, and the preset is '%s'", preset));
-  if (method != "ours" && causal) return only_ours("causal");
-  if (method != "ours" && self_check) return only_ours("self_check");
-  if (method != "ours" && scene_flow) return only_ours("scene_flow");
-  if (causal && scene_flow)
-    return FieldError("options.scene_flow", "does not go with causal: what follows a frame is not known then");
-  if (const absl::Status known = ParseClockChoice(clock).status(); !known.ok())
-    return FieldError("options.clock", std::string(known.message()));
-  return absl::OkStatus();
-}
-
-json ToJson(const UpsampleOptions& options) {
-  return {{"method", options.method},           {"key_every", options.key_every},  {"threads", options.threads},
-          {"keep_motion", options.keep_motion}, {"preset", options.preset},        {"without", options.without},
-          {"literal", options.literal},         {"causal", options.causal},        {"clock", options.clock},
-          {"self_check", options.self_check},   {"scene_flow", options.scene_flow}};
-}
-
-absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view text) {
-  return ParseJson(text, "options", [](const json& value) -> absl::StatusOr<UpsampleOptions> {
-    UpsampleOptions options;
-    for (const auto& [field, entry] : value.items()) {
-      const auto wrong = [&entry = entry, &field = field](const char* rule) {
-        return FieldError("options." + field, absl::StrFormat("= %s, must be %s", Dump(entry), rule));
-      };
-      const auto read_int = [&](int& out) {
-        if (!entry.is_number_integer() || entry.get<json::number_integer_t>() != entry.get<int>())
-          return wrong("a whole number");
-        out = entry.get<int>();
-        return absl::OkStatus();
-      };
-      const auto read_text = [&](std::string& out) {
-        if (!entry.is_string()) return wrong("a string");
-        out = entry.get<std::string>();
-        return absl::OkStatus();
-      };
-      const auto read_flag = [&](bool& out) {
-        if (!entry.is_boolean()) return wrong("true or false");
-        out = entry.get<bool>();
-        return absl::OkStatus();
-      };
-      const auto read_texts = [&](std::vector<std::string>& out) {
-        if (!entry.is_array() || !std::all_of(entry.begin(), entry.end(), [](const json& e) { return e.is_string(); }))
-          return wrong("a list of strings");
-        out = entry.get<std::vector<std::string>>();
-        return absl::OkStatus();
-      };
-      if (field == "method") {
-        RETURN_IF_ERROR(read_text(options.method));
-      } else if (field == "clock") {
-        RETURN_IF_ERROR(read_text(options.clock));
-      } else if (field == "key_every") {
-        RETURN_IF_ERROR(read_int(options.key_every));
-      } else if (field == "threads") {
-        RETURN_IF_ERROR(read_int(options.threads));
-      } else if (field == "keep_motion") {
-        RETURN_IF_ERROR(read_flag(options.keep_motion));
-      } else if (field == "preset") {
-        RETURN_IF_ERROR(read_text(options.preset));
-      } else if (field == "without") {
-        RETURN_IF_ERROR(read_texts(options.without));
-      } else if (field == "literal") {
-        RETURN_IF_ERROR(read_texts(options.literal));
-      } else if (field == "causal") {
-        RETURN_IF_ERROR(read_flag(options.causal));
-      } else if (field == "scene_flow") {
-        RETURN_IF_ERROR(read_flag(options.scene_flow));
-      } else if (field == "self_check") {
-        RETURN_IF_ERROR(read_flag(options.self_check));
-      } else {
-        const json all = ToJson(UpsampleOptions());
-        std::vector<std::string> known;
-        for (const auto& [name, unused] : all.items()) known.push_back(name);
-        return FieldError("options." + field,
-                          absl::StrCat("is not known: the options are ", absl::StrJoin(known, ", ")));
-      }
-    }
-    RETURN_IF_ERROR(options.Validate());
-    return options;
-  });
-}
-
 absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options) {
-  RETURN_IF_ERROR(options.Validate());
+  RETURN_IF_ERROR(Validate(options));
   if (options.method != "ours") return MakeBaseline(options.method);
   ASSIGN_OR_RETURN(PipelineOptions pipeline, PipelineOptions::ForPreset(options.preset));
   for (const std::string& part : options.without) RETURN_IF_ERROR(pipeline.SwitchOff(part));

@@ -16,38 +16,11 @@
 
 #include "core/base/status.h"
 #include "core/io/result_folder.h"
-#include "core/sequence/upsample_names.h"
+#include "core/options/upsample_options.h"
 #include "core/session/clip_clock.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {
-
-// What a user may ask of an upsampling, locally or from the server.
-struct UpsampleOptions {
-  std::string method = "ours";   // one of UpsampleMethods()
-  int key_every = 1;             // keep depth frames 0, n, 2n, ... as input. >= 1
-  int threads = 1;               // does not change the result. 1 to kMaxThreads
-  bool keep_motion = false;      // between colour frames, for renders that look at other frames
-  std::string clock = "stamps";  // how depth frames are brought onto the colour camera's clock: see ClockChoice
-  // Of method "ours" alone; with another they must stay as they are here.
-  std::string preset = "balanced";   // one of PresetNames(): what accuracy may cost
-  std::vector<std::string> without;  // of PartNames(): stages left out, to learn what each is worth
-  // Of LiteralNames(): choices of the paper taken as printed. With preset "reference" alone.
-  std::vector<std::string> literal;
-  bool causal = false;  // each frame from what had been seen by then alone
-
-  bool scene_flow = false;  // also the 3-D motion of every frame between depth frames: scene_flow_files.h; keeps motion
-
-  bool self_check = false;  // first measure on held-out depth frames how good it is: self_check.h
-
-  bool NeedsMotion() const { return keep_motion || scene_flow; }
-  // InvalidArgument about "options.FIELD", which FieldOf (render_options.h) gives.
-  absl::Status Validate() const;
-};
-
-nlohmann::json ToJson(const UpsampleOptions& options);
-// Fields left out keep their defaults. InvalidArgument names an unknown or wrong field.
-absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(std::string_view json);
 
 // The upsampler that `options.method` names.
 absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options);

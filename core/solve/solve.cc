@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "core/sequence/upsample_names.h"
+#include "core/options/upsample_options.h"
 #include "core/solve/association.h"
 #include "core/solve/level.h"
 

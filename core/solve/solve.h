@@ -103,7 +103,7 @@ struct SolveOptions {
   absl::Status SwitchOff(std::string_view part);
   // False for names that are no part.
   bool Uses(std::string_view part) const;
-  // Takes a choice as the paper prints it, one of LiteralNames() (core/sequence/upsample_names.h). InvalidArgument
+  // Takes a choice as the paper prints it, one of LiteralNames() (core/options/upsample_options.h). InvalidArgument
   // lists them if `choice` is none of them.
   absl::Status TakeLiterally(std::string_view choice);
   absl::Status Validate() const;

@@ -1,7 +1,6 @@
 #include <unistd.h>
 
 #include <filesystem>
-#include <functional>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -9,10 +8,10 @@
 #include <vector>
 
 #include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_split.h"
 #include "core/base/parallel.h"
+#include "core/flags/option_flags.h"
+#include "core/flags/render_flags.h"
 #include "core/io/file.h"
 #include "core/io/result_folder.h"
 #include "core/io/sequence_folder.h"
@@ -24,7 +23,6 @@
 #include "core/tools/progress_bar.h"
 #include "core/tools/self_check_aloud.h"
 #include "core/tools/signals.h"
-#include "core/tools/upsample_flags.h"
 
 namespace depthtween::tools {
 namespace {
@@ -51,52 +49,17 @@ constexpr char kFooter[] =
 
 struct RenderArguments {
   std::string input, out, sequence;
-  bool dof = false, stereo = false, force = false;
-  json dof_options = json::object(), stereo_options = json::object();
-  std::string frame_format;
-  UpsampleOptions upsample;  // of a recording; its threads are those of all
+  RenderFlags flags;
+  int threads = AvailableThreads();
+  json upsample = json::object();  // of a recording
   std::vector<CLI::Option*> upsample_flags;
+  bool force = false;
 };
 
-// Puts the value of an option where the JSON form of the options has it.
-template <typename T>
-CLI::Option* Bind(CLI::App* command, json& object, const char* flag, const char* name, const char* help) {
-  return command->add_option_function<T>(
-      flag, [&object, name](const T& value) { object[name] = value; }, help);
-}
-
-absl::StatusOr<json> ParsePixel(const std::string& text) {
-  const std::vector<std::string> parts = absl::StrSplit(text, ',');
-  int frame = 0;
-  double x = 0, y = 0;
-  if (parts.size() != 3 || !absl::SimpleAtoi(parts[0], &frame) || !absl::SimpleAtod(parts[1], &x) ||
-      !absl::SimpleAtod(parts[2], &y))
-    return absl::InvalidArgumentError(absl::StrFormat("'%s' must be FRAME,X,Y such as 0,320,240", text));
-  return json{{"frame", frame}, {"x", x}, {"y", y}};
-}
-
-absl::StatusOr<json> ParseKeys(const std::string& text) {
-  json keys = json::array();
-  for (const absl::string_view part : absl::StrSplit(text, ',')) {
-    const std::vector<std::string> sides = absl::StrSplit(part, ':');
-    int frame = 0;
-    double depth_m = 0;
-    if (sides.size() != 2 || !absl::SimpleAtoi(sides[0], &frame) || !absl::SimpleAtod(sides[1], &depth_m))
-      return absl::InvalidArgumentError(
-          absl::StrFormat("'%s' must be FRAME:METRES,FRAME:METRES... such as 0:1.2,60:4", text));
-    keys.push_back({{"frame", frame}, {"depth_m", depth_m}});
-  }
-  return json{{"keys", std::move(keys)}};
-}
-
-absl::StatusOr<RenderOptions> OptionsOf(const RenderArguments& arguments) {
-  json options = json::object();
-  if (arguments.dof) options["depth_of_field"] = arguments.dof_options;
-  if (arguments.stereo) options["stereo"] = arguments.stereo_options;
-  if (!arguments.frame_format.empty()) options["frame_format"] = arguments.frame_format;
-  if (absl::EndsWithIgnoreCase(arguments.out, ".mp4")) options["container"] = "mp4";
-  if (absl::EndsWithIgnoreCase(arguments.out, ".mkv")) options["container"] = "mkv";
-  return ParseRender(options, "options");
+// "mp4" or "mkv" of a video, or nothing of a folder.
+std::string ContainerOf(const std::string& out) {
+  if (absl::EndsWithIgnoreCase(out, ".mp4")) return "mp4";
+  return absl::EndsWithIgnoreCase(out, ".mkv") ? "mkv" : "";
 }
 
 // A result made for one render, gone with it.
@@ -163,13 +126,11 @@ absl::Status CheckOutput(const std::vector<std::string>& files, bool force) {
 
 absl::Status Render(const RenderArguments& arguments) {
   StopOnSignals signals;
-  if (arguments.dof == arguments.stereo)
-    return absl::InvalidArgumentError("say what to render: one of --dof and --stereo");
-  if (!arguments.dof && !arguments.dof_options.empty())
-    return absl::InvalidArgumentError("lens and focus are for --dof");
-  if (!arguments.stereo && !arguments.stereo_options.empty())
-    return absl::InvalidArgumentError("baseline, format and the like are for --stereo");
-  ASSIGN_OR_RETURN(const RenderOptions options, OptionsOf(arguments));
+  ASSIGN_OR_RETURN(const std::vector<json> renders, RendersOf(arguments.flags, ContainerOf(arguments.out)));
+  if (renders.size() != 1) return absl::InvalidArgumentError("say what to render: one of --dof and --stereo");
+  ASSIGN_OR_RETURN(const RenderOptions options, ParseRender(renders[0], "options"));
+  ASSIGN_OR_RETURN(UpsampleOptions upsample, ParseUpsampleOptions(arguments.upsample));
+  upsample.threads = arguments.threads;
 
   // Everything that can be wrong is found before anything is computed.
   TemporaryResult temporary;
@@ -179,7 +140,7 @@ absl::Status Render(const RenderArguments& arguments) {
     ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(sequence));
     ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, folder->sequence(), "options"));
     RETURN_IF_ERROR(CheckOutput(FilesOf(arguments, options, plan), arguments.force));
-    RETURN_IF_ERROR(temporary.Make(sequence, arguments.out, arguments.upsample, signals.token()));
+    RETURN_IF_ERROR(temporary.Make(sequence, arguments.out, upsample, signals.token()));
     result = temporary.dir();
   } else {
     for (const CLI::Option* flag : arguments.upsample_flags)
@@ -212,15 +173,15 @@ absl::Status Render(const RenderArguments& arguments) {
     ClipPlan progress_plan;
     progress_plan.intervals = {{.index = 0, .frame_count = frame_count}};
     ProgressBar progress(progress_plan);
-    progress.OnStage(0, arguments.dof ? "depth of field" : "stereo");
+    progress.OnStage(0, arguments.flags.dof ? "depth of field" : "stereo");
     // Videos take their frames one after the other.
-    WriteQueue queue(videos ? 1 : arguments.upsample.threads, [&](int frame) { progress.OnFrame(0, frame); });
+    WriteQueue queue(videos ? 1 : arguments.threads, [&](int frame) { progress.OnFrame(0, frame); });
     const auto sink = [&](int frame, std::vector<Image<Rgb8>> pictures) {
       return queue.Add(frame, [&, frame, pictures = std::move(pictures)] {
         return videos ? videos->Write(frame, pictures) : folders->Write(clip.input.color[frame].Stem(), pictures);
       });
     };
-    ASSIGN_OR_RETURN(part, renderer->Run(0, frame_count, nullptr, arguments.upsample.threads, signals.token(), sink));
+    ASSIGN_OR_RETURN(part, renderer->Run(0, frame_count, nullptr, arguments.threads, signals.token(), sink));
     RETURN_IF_ERROR(queue.Finish());
   }
   if (videos) RETURN_IF_ERROR(videos->Finish());
@@ -238,7 +199,6 @@ absl::Status Render(const RenderArguments& arguments) {
 
 void AddRenderCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<RenderArguments>();
-  arguments->upsample.threads = AvailableThreads();
   CLI::App* const command = app.add_subcommand("render", "Make pictures of depth: depth of field, or a second eye");
   command->footer(kFooter + ("\n" + PresetHelp()));
   command->add_option("input", arguments->input, "Recording, or folder that upsample wrote")
@@ -251,117 +211,14 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
       ->add_option("--sequence", arguments->sequence,
                    "The recording, if it is no longer where upsample read it, or if a server did")
       ->type_name("SEQ");
-  command->add_option("--frames", arguments->frame_format, "Of a folder: png (default) or jpeg")->type_name("FORMAT");
-  command->add_option("--threads", arguments->upsample.threads, "Threads to use; the result does not depend on it")
+  command->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
       ->capture_default_str()
       ->check(CLI::Range(1, kMaxThreads))
       ->type_name("N");
   command->add_flag("--force", arguments->force, "Replace what is at OUT");
-  arguments->upsample_flags = AddQualityFlags(*command, arguments->upsample);
-
-  json& dof = arguments->dof_options;
-  const std::string lens = "Depth of field";
-  command->add_flag("--dof", arguments->dof, "Blur what is not in focus")->group(lens);
-  Bind<double>(command, dof, "--fstop", "fstop", "Aperture = focal length / this; smaller is more blur [1.8]")
-      ->type_name("N")
-      ->group(lens);
-  Bind<double>(command, dof, "--focal-mm", "focal_mm",
-               "Focal length [that of the camera's field of view on the sensor]")
-      ->type_name("MM")
-      ->group(lens);
-  Bind<std::string>(command, dof, "--sensor", "sensor",
-                    "full-frame [default], medium-format, super-35, aps-c, micro-four-thirds, one-inch")
-      ->type_name("NAME")
-      ->group(lens);
-  Bind<double>(command, dof, "--aperture-mm", "aperture_mm", "Diameter of the aperture, instead of --fstop")
-      ->type_name("MM")
-      ->group(lens);
-  const auto focus = [&](const char* flag, const char* help, const char* type,
-                         const std::function<absl::StatusOr<json>(const std::string&)>& parse) {
-    command
-        ->add_option_function<std::string>(
-            flag,
-            [&dof, flag = std::string(flag), parse](const std::string& text) {
-              const absl::StatusOr<json> value = parse(text);
-              if (!value.ok()) throw CLI::ValidationError(flag, std::string(value.status().message()));
-              dof["focus"].update(*value);
-            },
-            help)
-        ->type_name(type)
-        ->group(lens);
-  };
-  focus("--focus-depth", "Focus at this depth, metres [the clip's median]", "M",
-        [](const std::string& text) -> absl::StatusOr<json> {
-          double depth_m = 0;
-          if (!absl::SimpleAtod(text, &depth_m)) return absl::InvalidArgumentError("must be a number of metres");
-          return json{{"depth_m", depth_m}};
-        });
-  const auto inside = [](const char* name, absl::StatusOr<json> (*parse)(const std::string&)) {
-    return [name, parse](const std::string& text) -> absl::StatusOr<json> {
-      ASSIGN_OR_RETURN(json value, parse(text));
-      return json{{name, std::move(value)}};
-    };
-  };
-  focus("--focus-pixel", "Focus at what this frame shows there, in all frames", "FRAME,X,Y",
-        inside("pixel", ParsePixel));
-  focus("--focus-track", "Focus on what this frame shows there, wherever it moves", "FRAME,X,Y",
-        inside("track", ParsePixel));
-  focus("--focus-keys", "Focus from depth to depth (rack focus)", "FRAME:M,...", inside("keys", ParseKeys));
-  command
-      ->add_option_function<std::string>(
-          "--focus-easing", [&dof](const std::string& easing) { dof["focus"]["keys"]["easing"] = easing; },
-          "Between keys: smooth [default], linear")
-      ->type_name("NAME")
-      ->group(lens);
-  Bind<std::string>(command, dof, "--dof-method", "method",
-                    "layers [default]; kraus (Kraus and Strengert 2007), gather: to compare with")
-      ->type_name("NAME")
-      ->group(lens);
-  Bind<int>(command, dof, "--layers", "layers", "Layers of equal width in blur [20]")->type_name("N")->group(lens);
-  Bind<int>(command, dof, "--blades", "blades", "Of the aperture, 3 to 16; 0 is round [0]")
-      ->type_name("N")
-      ->group(lens);
-  Bind<double>(command, dof, "--max-radius", "max_radius_px", "Largest radius of blur, pixels, up to 128 [32]")
-      ->type_name("PX")
-      ->group(lens);
-
-  json& stereo = arguments->stereo_options;
-  const std::string eyes = "Stereo";
-  command->add_flag("--stereo", arguments->stereo, "Make a second eye")->group(eyes);
-  Bind<std::string>(command, stereo, "--format", "format",
-                    "full-sbs [default], half-sbs, full-tb, half-tb, anaglyph-dubois, anaglyph-half-colour, "
-                    "anaglyph-grey, separate")
-      ->type_name("NAME")
-      ->group(eyes);
-  Bind<std::string>(command, stereo, "--eye", "made", "The eye that is made: left [default], right, both")
-      ->type_name("NAME")
-      ->group(eyes);
-  Bind<double>(command, stereo, "--divergence", "divergence_percent",
-               "Disparity from the nearest to the farthest of the clip, percent of the width [2]")
-      ->type_name("PERCENT")
-      ->group(eyes);
-  Bind<double>(command, stereo, "--baseline", "baseline_m", "Distance between the eyes, instead of --divergence")
-      ->type_name("M")
-      ->group(eyes);
-  Bind<double>(command, stereo, "--convergence", "convergence_m", "Depth that appears on the screen [by the clip]")
-      ->type_name("M")
-      ->group(eyes);
-  command
-      ->add_flag_callback(
-          "--no-floating-window", [&stereo] { stereo["floating_window"] = false; },
-          "No black borders before what the frame cuts")
-      ->group(eyes);
-  command
-      ->add_flag_callback(
-          "--metadata", [&stereo] { stereo["metadata"] = true; },
-          "Mark videos so that a stereo display switches itself")
-      ->group(eyes);
-  Bind<double>(command, stereo, "--screen-width", "screen_width_m", "Of whom the comfort report is for [1]")
-      ->type_name("M")
-      ->group(eyes);
-  Bind<double>(command, stereo, "--viewing-distance", "viewing_distance_m", "Of whom the comfort report is for [3]")
-      ->type_name("M")
-      ->group(eyes);
+  AddRenderFlags(*command, arguments->flags);
+  arguments->upsample_flags = AddOptionFlags(*command, UpsampleOptionSpecs(), arguments->upsample,
+                                             {"preset", "causal", "self_check", "clock", "without", "literal"});
   command->callback([=] { *exit_code = ReportStatus(Render(*arguments)); });
 }
 

@@ -9,13 +9,14 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "core/base/parallel.h"
+#include "core/flags/option_flags.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
+#include "core/options/scene_flow_options.h"
+#include "core/options/upsample_options.h"
 #include "core/session/scene_flow_files.h"
 #include "core/session/scene_flow_run.h"
-#include "core/session/upsample_run.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
 #include "core/tools/signals.h"
@@ -27,7 +28,8 @@ namespace fs = std::filesystem;
 
 struct SceneFlowArguments {
   std::string sequence, out;
-  SceneFlowOrder order;
+  nlohmann::json document = nlohmann::json::object();
+  int threads = AvailableThreads();
   bool json = false, force = false;
 };
 
@@ -51,10 +53,12 @@ absl::Status ClearOutput(const SceneFlowArguments& arguments) {
 
 absl::Status RunSceneFlow(const SceneFlowArguments& arguments) {
   StopOnSignals signals;
+  ASSIGN_OR_RETURN(SceneFlowOrder order, ParseSceneFlowOrder(arguments.document));
+  order.threads = arguments.threads;
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
-  ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(folder->sequence(), arguments.order.every));
+  ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(folder->sequence(), order.every));
   RETURN_IF_ERROR(ClearOutput(arguments));
-  RETURN_IF_ERROR(MakeSceneFlowFolders(arguments.out, arguments.order.formats));
+  RETURN_IF_ERROR(MakeSceneFlowFolders(arguments.out, order.formats));
   const int count = static_cast<int>(pairs.size());
   const std::vector<int> to_picture = PairsToPicture(count);
   std::vector<PairSummary> summaries;
@@ -63,13 +67,12 @@ absl::Status RunSceneFlow(const SceneFlowArguments& arguments) {
     CountLine counter("computed", "pairs of frames");
     for (int i = 0; i < count; ++i) {
       counter.Show(i, count);
-      ASSIGN_OR_RETURN(ComputedPair computed,
-                       ComputePair(*folder, pairs[i], arguments.order, signals.token(), arguments.out));
+      ASSIGN_OR_RETURN(ComputedPair computed, ComputePair(*folder, pairs[i], order, signals.token(), arguments.out));
       summaries.push_back(std::move(computed.summary));
       if (std::binary_search(to_picture.begin(), to_picture.end(), i)) pictured.push_back(std::move(computed.picture));
     }
   }
-  ASSIGN_OR_RETURN(const nlohmann::json report, FinishSceneFlow(arguments.order, arguments.out, summaries, pictured));
+  ASSIGN_OR_RETURN(const nlohmann::json report, FinishSceneFlow(order, arguments.out, summaries, pictured));
   if (arguments.json) {
     std::cout << report.dump(2) << std::endl;
     return absl::OkStatus();
@@ -85,7 +88,6 @@ absl::Status RunSceneFlow(const SceneFlowArguments& arguments) {
 
 void AddSceneFlowCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<SceneFlowArguments>();
-  arguments->order.threads = AvailableThreads();
   CLI::App* const command =
       app.add_subcommand("sceneflow", "Compute the 3-D motion of every pixel, from depth for every colour frame");
   command->footer(
@@ -108,31 +110,13 @@ void AddSceneFlowCommand(CLI::App& app, int* exit_code) {
       "Example:  depthtween-core sceneflow recording -o motion --format flo,kitti --json\n");
   command->add_option("sequence", arguments->sequence, "Sequence folder to read")->required()->type_name("SEQ");
   command->add_option("-o,--out", arguments->out, "Folder to write the result to")->required()->type_name("OUT");
-  command->add_option("--method", arguments->order.method, "How: " + absl::StrJoin(SceneFlowMethods(), ", "))
-      ->capture_default_str()
-      ->check(CLI::IsMember(SceneFlowMethods()))
-      ->type_name("NAME");
-  command
-      ->add_option("--format", arguments->order.formats,
-                   "With commas between them: " + absl::StrJoin(SceneFlowFormats(), ", "))
-      ->delimiter(',')
-      ->capture_default_str()
-      ->check(CLI::IsMember(SceneFlowFormats()))
-      ->type_name("NAMES");
-  command->add_option("--every", arguments->order.every, "From every N-th colour frame to the N-th after it")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 1000000))
-      ->type_name("N");
-  command->add_option("--baseline", arguments->order.baseline_m, "Of the disparities of format kitti, metres")
-      ->capture_default_str()
-      ->check(CLI::Range(1e-4, 100.0))
-      ->type_name("M");
-  command->add_option("--threads", arguments->order.threads, "Threads to use; the result does not depend on it")
+  command->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
       ->capture_default_str()
       ->check(CLI::Range(1, kMaxThreads))
       ->type_name("N");
   command->add_flag("--json", arguments->json, "Print the report instead of a sentence");
   command->add_flag("--force", arguments->force, "Replace an earlier result in OUT");
+  AddOptionFlags(*command, SceneFlowOptionSpecs(), arguments->document);
   command->callback([=] { *exit_code = ReportStatus(RunSceneFlow(*arguments)); });
 }
 

@@ -35,6 +35,7 @@ using nlohmann::json;
 struct TaskArguments {
   std::string sequence, options, constants, out, result, render, self_check;
   int first = 0, count = 0, frame = 0, threads = 1, progress_fd = -1;
+  bool keep_motion = false;
 };
 
 struct Task {
@@ -60,28 +61,32 @@ struct Input {
   UpsampleOptions options;
   std::vector<RenderOptions> renders;
   json render;                               // of render-frame
-  std::optional<SceneFlowOrder> scene_flow;  // in place of an upsampling, of which `options` keeps `threads` alone
+  std::optional<SceneFlowOrder> scene_flow;  // in place of an upsampling
   std::unique_ptr<SequenceFolder> recording;
 };
 
 absl::StatusOr<Input> OpenInput(const TaskArguments& arguments) {
   Input input;
   ASSIGN_OR_RETURN(const std::string text, ReadFile(arguments.options));
-  json options = json::parse(text, /*cb=*/nullptr, /*allow_exceptions=*/false);
-  if (options.is_object()) {
-    if (options.contains("renders")) {
-      ASSIGN_OR_RETURN(input.renders, ParseRenders(options["renders"]));
+  const json order = json::parse(text, /*cb=*/nullptr, /*allow_exceptions=*/false);
+  if (!order.is_object())
+    return absl::InvalidArgumentError(absl::StrCat(arguments.options, " must hold a JSON object"));
+  for (const auto& [field, value] : order.items()) {
+    if (field == "upsample") {
+      ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(value));
+    } else if (field == "scene_flow") {
+      ASSIGN_OR_RETURN(input.scene_flow, ParseSceneFlowOrder(value, "scene_flow_options"));
+    } else if (field == "renders") {
+      ASSIGN_OR_RETURN(input.renders, ParseRenders(value));
+    } else if (field == "render") {
+      input.render = value;
+    } else {
+      return FieldError(field, "is not known: an order has upsample, scene_flow, renders or render");
     }
-    if (options.contains("render")) input.render = options["render"];
-    if (options.contains("sceneflow")) {
-      ASSIGN_OR_RETURN(input.scene_flow, ParseSceneFlowOrder(options["sceneflow"]));
-    }
-    for (const char* const others : {"renders", "render", "sceneflow"}) options.erase(others);
-    ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(options.dump()));
-    if (input.scene_flow) input.scene_flow->threads = input.options.threads;
-  } else {
-    ASSIGN_OR_RETURN(input.options, ParseUpsampleOptions(text));  // says what is wrong with it
   }
+  input.options.threads = arguments.threads;
+  input.options.keep_motion = arguments.keep_motion;
+  if (input.scene_flow) input.scene_flow->threads = arguments.threads;
   ASSIGN_OR_RETURN(input.recording, SequenceFolder::Open(arguments.sequence));
   return input;
 }
@@ -434,11 +439,19 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
     step->callback([=] { *exit_code = RunTask(*arguments, run); });
     return step;
   };
+  const auto add_threads = [&](CLI::App* step) {
+    step->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
+        ->capture_default_str()
+        ->check(CLI::Range(1, kMaxThreads))
+        ->type_name("N");
+  };
   const auto add_options = [&](CLI::App* step) {
     step->add_option("--options", arguments->options,
-                     "JSON file: method, key_every, threads, preset, without..., renders; or sceneflow")
+                     "JSON file: {\"upsample\": {...}, \"renders\": [...]}, or {\"scene_flow\": {...}}")
         ->required()
         ->type_name("FILE");
+    step->add_flag("--keep-motion", arguments->keep_motion, "Keep the motion between frames too, for renders");
+    add_threads(step);
   };
   const auto add_constants = [&](CLI::App* step, const char* what) {
     step->add_option("--constants", arguments->constants, what)->required()->type_name("FILE");
@@ -449,10 +462,7 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
 
   CLI::App* const validate =
       add("validate", "Decode every frame and print what is wrong, as JSON (exit code 0)", ValidateTask);
-  validate->add_option("--threads", arguments->threads, "Threads to use")
-      ->capture_default_str()
-      ->check(CLI::Range(1, kMaxThreads))
-      ->type_name("N");
+  add_threads(validate);
 
   CLI::App* const prepare = add("prepare", "Decide what is decided once per clip", PrepareTask);
   add_options(prepare);

@@ -1,20 +1,21 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "core/base/parallel.h"
+#include "core/flags/option_flags.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
+#include "core/options/upsample_options.h"
 #include "core/session/upsample_run.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
 #include "core/tools/self_check_aloud.h"
 #include "core/tools/signals.h"
-#include "core/tools/upsample_flags.h"
 
 namespace depthtween::tools {
 namespace {
@@ -23,8 +24,9 @@ namespace fs = std::filesystem;
 
 struct UpsampleArguments {
   std::string sequence, out;
-  UpsampleOptions options;
-  bool force = false;
+  nlohmann::json document = nlohmann::json::object();
+  int threads = AvailableThreads();
+  bool keep_motion = false, force = false;
 };
 
 // Makes sure that `out` may be written to: new, empty, or with `force` an earlier result, which is removed so that no
@@ -51,7 +53,9 @@ absl::Status ClearOutput(const std::string& out, bool force) {
 
 absl::Status Upsample(const UpsampleArguments& arguments) {
   StopOnSignals signals;
-  const UpsampleOptions& options = arguments.options;
+  ASSIGN_OR_RETURN(UpsampleOptions options, ParseUpsampleOptions(arguments.document));
+  options.threads = arguments.threads;
+  options.keep_motion = arguments.keep_motion;
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
   RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
@@ -104,7 +108,6 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
 
 void AddUpsampleCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<UpsampleArguments>();
-  arguments->options.threads = AvailableThreads();
   CLI::App* const command = app.add_subcommand("upsample", "Compute depth for every colour frame of a recording");
   command->footer(
       "OUT gets depth/, uncertainty/ and provenance/ PNGs named as the colour frames, depth.txt, camera.json and\n"
@@ -118,33 +121,15 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
       "Example:  depthtween-core upsample recording -o result --key-every 4    (then evaluate against the rest)\n");
   command->add_option("sequence", arguments->sequence, "Sequence folder to read")->required()->type_name("SEQ");
   command->add_option("-o,--out", arguments->out, "Folder to write the result to")->required()->type_name("OUT");
-  command->add_option("--method", arguments->options.method, "How: " + absl::StrJoin(UpsampleMethods(), ", "))
-      ->capture_default_str()
-      ->check(CLI::IsMember(UpsampleMethods()))
-      ->type_name("NAME");
-  command->add_option("--key-every", arguments->options.key_every, "Use only every N-th depth frame of the recording")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 1000000))
-      ->type_name("N");
-  command->add_option("--threads", arguments->options.threads, "Threads to use; the result does not depend on it")
+  command->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
       ->capture_default_str()
       ->check(CLI::Range(1, kMaxThreads))
       ->type_name("N");
-  AddQualityFlags(*command, arguments->options);
   command->add_flag(
-      "--keep-motion", arguments->options.keep_motion,
+      "--keep-motion", arguments->keep_motion,
       "Keep the motion between frames too (motion/*.npz): `render` then looks behind edges in other frames");
-  command->add_flag("--scene-flow", arguments->options.scene_flow,
-                    "Also the 3-D motion of every frame to the next, from its depth and motion: sceneflow/*.npz (see\n"
-                    "`sceneflow --help`), but for frames before the first and after the last depth frame");
-  command
-      ->add_option("--clock", arguments->options.clock,
-                   "How depth frames come onto the colour camera's clock: stamps (they are right), index (pair by\n"
-                   "number), estimate (from the images), or OFFSET_MS[,DRIFT_PPM] that the depth clock is ahead and\n"
-                   "gains")
-      ->capture_default_str()
-      ->type_name("CLOCK");
   command->add_flag("--force", arguments->force, "Replace an earlier result in OUT");
+  AddOptionFlags(*command, UpsampleOptionSpecs(), arguments->document);
   command->callback([=] { *exit_code = ReportStatus(Upsample(*arguments)); });
 }
 

@@ -14,7 +14,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/sequence/upsample_names.h"
+#include "core/options/upsample_options.h"
 #include "core/solve/solve.h"
 #include "core/upsample/silhouettes.h"
 #include "core/upsample/upsampler.h"

@@ -130,7 +130,7 @@ class Manager : public JobManager {
 
   // The job with what its renders will be; as it came where there is no sequence to plan it for. FailedPrecondition
   // (NO_SCENE_FLOW) when it asks for scene flow that the sequence cannot give.
-  absl::StatusOr<NewJob> Plan(NewJob job);
+  absl::StatusOr<NewJob> Plan(const NewJob& order);
 
   // With changes_ held.
   JobView View(JobRecord record) const;
@@ -222,18 +222,17 @@ void Manager::StopTasksOf(std::string_view job_id) {
   }
 }
 
-absl::StatusOr<NewJob> Manager::Plan(NewJob job) {
-  RETURN_IF_ERROR(job.Validate());
-  if (job.renders.empty() && !job.scene_flow_options) return job;
+absl::StatusOr<NewJob> Manager::Plan(const NewJob& order) {
+  ASSIGN_OR_RETURN(NewJob job, order.Checked());
+  const bool scene_flow = job.kind == JobKind::kSceneFlow;
+  if (job.renders.empty() && !scene_flow) return job;
   const absl::StatusOr<SequenceRecord> sequence = store_.GetSequence(job.sequence_id);
   if (!sequence.ok() || sequence->state != SequenceState::kReady) return job;
-  const std::string options = job.scene_flow_options ? SceneFlowJson(*job.scene_flow_options, /*threads=*/1)
-                                                     : OptionsJson({.threads = 1}, job.renders);
   const absl::StatusOr<std::string> answer =
       planning_.Run({.arguments = {"plan", "--sequence", directory_.SequenceFolder(job.sequence_id)},
-                     .options = options,
+                     .options = OrderJson(job.kind, job.options, job.renders),
                      .field_prefix = "job."});
-  if (job.scene_flow_options && absl::IsFailedPrecondition(answer.status())) {
+  if (scene_flow && absl::IsFailedPrecondition(answer.status())) {
     const std::string name = "sequences/" + job.sequence_id;
     return WithErrorInfo(WithContext(answer.status(), name),
                          {.reason = "NO_SCENE_FLOW", .metadata = {{"resource", name}}});
@@ -313,7 +312,7 @@ std::string Manager::OutputFile(std::string_view id, const OutputSpec& output) c
 absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(std::string_view id, const FrameRenderOrder& order,
                                                              std::function<void()> on_done) {
   ASSIGN_OR_RETURN(const JobRecord job, store_.GetJob(id));
-  if (job.scene_flow_options) {
+  if (job.kind != JobKind::kUpsample) {
     return WithErrorInfo(
         absl::FailedPreconditionError(absl::StrCat("jobs/", job.id, " has scene flow and no depth to render from")),
         {.reason = "NO_DEPTH", .metadata = {{"resource", "jobs/" + job.id}}});
@@ -334,16 +333,15 @@ absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(std::string_view id
         absl::FailedPreconditionError(absl::StrCat("the colours of the frames are gone: ", sequence.message())),
         {.reason = "SEQUENCE_GONE", .metadata = {{"resource", "sequences/" + job.sequence_id}}});
   }
-  UpsampleOptions options = job.options;
-  options.threads = options_.default_threads;
-  return errands_.Start({.arguments = {"render-frame", "--sequence", directory_.SequenceFolder(job.sequence_id),
-                                       "--constants", directory_.JobFolder(job.id) + "/constants.json", "--result",
-                                       directory_.OutFolder(job.id), "--frame", absl::StrCat(order.frame)},
-                         .options = FrameRenderJson(options, order.options, order.jpeg),
-                         .field_prefix = "",
-                         .job_id = job.id,
-                         .sequence_id = job.sequence_id},
-                        std::move(on_done));
+  return errands_.Start(
+      {.arguments = {"render-frame", "--sequence", directory_.SequenceFolder(job.sequence_id), "--constants",
+                     directory_.JobFolder(job.id) + "/constants.json", "--result", directory_.OutFolder(job.id),
+                     "--frame", absl::StrCat(order.frame), "--threads", absl::StrCat(options_.default_threads)},
+       .options = FrameRenderJson(job.options, order.options, order.jpeg),
+       .field_prefix = "",
+       .job_id = job.id,
+       .sequence_id = job.sequence_id},
+      std::move(on_done));
 }
 
 ValidationProgress Manager::GetValidationProgress(std::string_view sequence_id) {

@@ -4,34 +4,20 @@
 
 namespace depthtween::server {
 
-namespace {
-
-std::vector<OutputSpec> SceneFlowOutputs(const SceneFlowOptions& options) {
-  struct Part {
-    const char *format, *id, *folder, *extension;
-  };
-  constexpr Part kParts[] = {
-      {"npz", "sceneflow", "sceneflow", "npz"},         {"flo", "flow", "flow", "flo"},
-      {"flo", "depth_change", "depth_change", "pfm"},   {"kitti", "kitti-flow", "kitti/flow", "png"},
-      {"kitti", "kitti-disp_0", "kitti/disp_0", "png"}, {"kitti", "kitti-disp_1", "kitti/disp_1", "png"}};
-  std::vector<OutputSpec> outputs;
-  for (const Part& part : kParts) {
-    if (std::find(options.formats.begin(), options.formats.end(), part.format) == options.formats.end()) continue;
-    outputs.push_back({.kind = OutputKind::kSceneFlow,
-                       .id = part.id,
-                       .file_name = part.folder,
-                       .frames = true,
-                       .extension = part.extension});
-  }
-  outputs.push_back({.kind = OutputKind::kReport, .id = "report", .file_name = "report.json"});
-  outputs.push_back({.kind = OutputKind::kPreview, .id = "preview", .file_name = "preview.png"});
-  return outputs;
-}
-
-}  // namespace
-
 std::vector<OutputSpec> OutputsOf(const JobRecord& job) {
-  if (job.scene_flow_options) return SceneFlowOutputs(*job.scene_flow_options);
+  if (job.kind == JobKind::kSceneFlow) {
+    std::vector<OutputSpec> outputs;
+    for (const FrameFiles& files : job.facts.outputs) {
+      outputs.push_back({.kind = OutputKind::kSceneFlow,
+                         .id = files.id,
+                         .file_name = files.folder,
+                         .frames = true,
+                         .extension = files.extension});
+    }
+    outputs.push_back({.kind = OutputKind::kReport, .id = "report", .file_name = "report.json"});
+    outputs.push_back({.kind = OutputKind::kPreview, .id = "preview", .file_name = "preview.png"});
+    return outputs;
+  }
   std::vector<OutputSpec> outputs = {
       {.kind = OutputKind::kDepth, .id = "depth", .file_name = "depth", .frames = true},
       {.kind = OutputKind::kUncertainty, .id = "uncertainty", .file_name = "uncertainty", .frames = true},
@@ -40,12 +26,12 @@ std::vector<OutputSpec> OutputsOf(const JobRecord& job) {
       {.kind = OutputKind::kTimestamps, .id = "timestamps", .file_name = "depth.txt"},
       {.kind = OutputKind::kCamera, .id = "camera", .file_name = "camera.json"},
   };
-  if (job.options.scene_flow) {
+  for (const FrameFiles& files : job.facts.outputs) {
     outputs.push_back({.kind = OutputKind::kSceneFlow,
-                       .id = "sceneflow",
-                       .file_name = "sceneflow",
+                       .id = files.id,
+                       .file_name = files.folder,
                        .frames = true,
-                       .extension = "npz",
+                       .extension = files.extension,
                        .assembled = true});
   }
   for (size_t i = 0; i < job.renders.size(); ++i) {

@@ -15,7 +15,7 @@ constexpr int kMaxUnmeasuredBatch = 8;
 std::string Stage(const JobRecord& job, std::string_view running_stage) {
   if (job.state != JobState::kRunning) return absl::AsciiStrToLower(std::string(ToString(job.state)));
   if (!running_stage.empty()) return std::string(running_stage);
-  if (job.options.self_check && !job.self_check) return "self-check";
+  if (job.facts.self_check && !job.self_check) return "self-check";
   if (job.intervals_total == 0) return "prepare";
   if (job.intervals_done < job.intervals_total) return "intervals";
   return job.IsComputed() ? "assemble" : "render";

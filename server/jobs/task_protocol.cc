@@ -113,6 +113,8 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
   };
   if (task.kind == TaskKind::kValidate) return command;
   add("--options", paths.options);
+  add("--threads", absl::StrCat(paths.threads));
+  if (paths.keep_motion) command.emplace_back("--keep-motion");
   if (task.kind != TaskKind::kSelfCheck) add("--constants", paths.constants);
   if (task.kind == TaskKind::kIntervals || task.kind == TaskKind::kRender) {
     add("--first", absl::StrCat(task.first_interval));
@@ -127,38 +129,16 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
   return command;
 }
 
-std::string OptionsJson(const UpsampleOptions& options, const std::vector<RenderRecord>& renders) {
-  json value = {{"method", options.method},
-                {"key_every", options.key_every},
-                {"threads", options.threads},
-                {"clock", options.clock}};
-  // The other methods have none of these.
-  if (options.method == "ours") {
-    value.update({{"preset", options.preset},
-                  {"without", options.without},
-                  {"literal", options.literal},
-                  {"causal", options.causal},
-                  {"self_check", options.self_check},
-                  {"scene_flow", options.scene_flow}});
-  }
-  if (!renders.empty()) {
-    value["keep_motion"] =
-        std::any_of(renders.begin(), renders.end(), [](const RenderRecord& render) { return render.uses_motion; });
-    // Ours, written by the RPC layer.
-    for (const RenderRecord& render : renders) value["renders"].push_back(json::parse(render.options));
-  }
-  return value.dump();
+std::string OrderJson(JobKind kind, const std::string& options, const std::vector<RenderRecord>& renders) {
+  json order = {{kind == JobKind::kUpsample ? "upsample" : "scene_flow", json::parse(options)}};
+  for (const RenderRecord& render : renders) order["renders"].push_back(json::parse(render.options));
+  return order.dump();
 }
 
-std::string SceneFlowJson(const SceneFlowOptions& options, int threads) {
-  return json({{"sceneflow", json::parse(ToJson(options))}, {"threads", threads}}).dump();
-}
-
-std::string FrameRenderJson(const UpsampleOptions& options, const std::string& render, bool jpeg) {
-  json value = {{"method", options.method}, {"key_every", options.key_every}, {"threads", options.threads}};
-  value["render"] = json::parse(render);
-  value["render"]["frame_format"] = jpeg ? "jpeg" : "png";
-  return value.dump();
+std::string FrameRenderJson(const std::string& options, const std::string& render, bool jpeg) {
+  json order = {{"upsample", json::parse(options)}, {"render", json::parse(render)}};
+  order["render"]["frame_format"] = jpeg ? "jpeg" : "png";
+  return order.dump();
 }
 
 ProgressLine ParseProgressLine(std::string_view line) {

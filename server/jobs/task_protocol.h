@@ -22,17 +22,16 @@ struct TaskPaths {
   std::string result;     // folder with finished frames, to render from
   // File that self-check wrote, for the report of assemble; empty if there was none.
   std::string self_check;
+  int threads = 1;
+  bool keep_motion = false;  // between frames, for renders
 };
 // `render` names the render of a render task.
 std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, std::string_view render = {});
 
-// The content of the options file.
-std::string OptionsJson(const UpsampleOptions& options, const std::vector<RenderRecord>& renders = {});
-
-// The same of a job that computes scene flow.
-std::string SceneFlowJson(const SceneFlowOptions& options, int threads);
+// The content of the options file: a job's canonical options, and its renders.
+std::string OrderJson(JobKind kind, const std::string& options, const std::vector<RenderRecord>& renders = {});
 // The same for `render-frame`, with the options of its one render.
-std::string FrameRenderJson(const UpsampleOptions& options, const std::string& render, bool jpeg);
+std::string FrameRenderJson(const std::string& options, const std::string& render, bool jpeg);
 
 // One line of progress. At most one of the members is set; none for a line that says nothing we know.
 struct ProgressLine {

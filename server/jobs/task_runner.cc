@@ -45,8 +45,8 @@ std::string PartReport(const Task& task, const JobRecord& job, int interval) {
 constexpr char kMotionFolder[] = "/motion/";
 
 bool NeedsMotion(const JobRecord& job) {
-  return job.options.scene_flow || std::any_of(job.renders.begin(), job.renders.end(),
-                                               [](const RenderRecord& render) { return render.uses_motion; });
+  return job.facts.keep_motion || std::any_of(job.renders.begin(), job.renders.end(),
+                                              [](const RenderRecord& render) { return render.uses_motion; });
 }
 
 // One that takes depth over keeps what the other kept, for pictures that are asked for later.
@@ -201,11 +201,10 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
                      .constants = constants};
   if (const absl::Status made = MakeFolder(folder); !made.ok()) return failed(made);
   if (task.kind != TaskKind::kValidate) {
-    UpsampleOptions options = job.options;
-    if (options.threads == 0) options.threads = options_.default_threads;
-    const std::string text = job.scene_flow_options ? SceneFlowJson(*job.scene_flow_options, options.threads)
-                                                    : OptionsJson(options, job.renders);
-    if (const absl::Status written = WriteScratchFile(paths.options, text); !written.ok()) {
+    paths.threads = job.threads > 0 ? job.threads : options_.default_threads;
+    paths.keep_motion = NeedsMotion(job);
+    const std::string order = OrderJson(job.kind, job.options, job.renders);
+    if (const absl::Status written = WriteScratchFile(paths.options, order); !written.ok()) {
       return failed(written);
     }
   }

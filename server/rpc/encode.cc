@@ -1,7 +1,6 @@
 #include "server/rpc/encode.h"
 
 #include <algorithm>
-#include <set>
 #include <utility>
 #include <vector>
 
@@ -10,7 +9,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "server/rpc/render_options.h"
+#include "proto/depthtween/documents.h"
 #include "server/rpc/status.h"
 #include "server/store/error_info.h"
 
@@ -18,6 +17,7 @@ namespace depthtween::server {
 namespace {
 
 constexpr int kDefaultPageSize = 50;
+constexpr int kMaxRenders = 16;
 
 absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
 
@@ -113,65 +113,6 @@ v1::Job::State Encode(JobState state) {
   return v1::Job::STATE_UNSPECIFIED;
 }
 
-constexpr std::pair<v1::UpsampleOptions::Method, std::string_view> kMethods[] = {
-    {v1::UpsampleOptions::METHOD_UNSPECIFIED, "ours"},  {v1::UpsampleOptions::METHOD_OURS, "ours"},
-    {v1::UpsampleOptions::METHOD_HOLD, "hold"},         {v1::UpsampleOptions::METHOD_NEAREST, "nearest"},
-    {v1::UpsampleOptions::METHOD_LINEAR, "linear"},     {v1::UpsampleOptions::METHOD_FLOW_WARP, "flow-warp"},
-    {v1::UpsampleOptions::METHOD_DOLSON, "dolson"},     {v1::UpsampleOptions::METHOD_DOLSON_MODE, "dolson-mode"},
-    {v1::UpsampleOptions::METHOD_TRACKING, "tracking"},
-};
-
-constexpr std::pair<v1::UpsampleOptions::Preset, std::string_view> kPresets[] = {
-    {v1::UpsampleOptions::PRESET_UNSPECIFIED, "balanced"}, {v1::UpsampleOptions::PRESET_FAST, "fast"},
-    {v1::UpsampleOptions::PRESET_BALANCED, "balanced"},    {v1::UpsampleOptions::PRESET_BEST, "best"},
-    {v1::UpsampleOptions::PRESET_REFERENCE, "reference"},
-};
-
-v1::UpsampleOptions Encode(const UpsampleOptions& options) {
-  v1::UpsampleOptions message;
-  for (const auto& [method, name] : kMethods) {
-    if (options.method == name) message.set_method(method);
-  }
-  message.set_key_every(options.key_every);
-  message.set_threads(options.threads);
-  for (const auto& [preset, name] : kPresets) {
-    if (options.preset == name) message.set_preset(preset);
-  }
-  message.mutable_without()->Assign(options.without.begin(), options.without.end());
-  message.mutable_literal()->Assign(options.literal.begin(), options.literal.end());
-  message.set_self_check(options.self_check);
-  message.set_causal(options.causal);
-  message.set_clock(options.clock);
-  message.set_scene_flow(options.scene_flow);
-  return message;
-}
-
-constexpr std::pair<v1::SceneFlowOptions::Method, std::string_view> kSceneFlowMethods[] = {
-    {v1::SceneFlowOptions::METHOD_UNSPECIFIED, "ours"},          {v1::SceneFlowOptions::METHOD_OURS, "ours"},
-    {v1::SceneFlowOptions::METHOD_PD_FLOW, "pd-flow"},           {v1::SceneFlowOptions::METHOD_SR_FLOW, "sr-flow"},
-    {v1::SceneFlowOptions::METHOD_LAYERED_FLOW, "layered-flow"},
-};
-constexpr std::pair<v1::SceneFlowOptions::Format, std::string_view> kSceneFlowFormats[] = {
-    {v1::SceneFlowOptions::FORMAT_NPZ, "npz"},
-    {v1::SceneFlowOptions::FORMAT_FLO, "flo"},
-    {v1::SceneFlowOptions::FORMAT_KITTI, "kitti"},
-};
-
-v1::SceneFlowOptions Encode(const SceneFlowOptions& options) {
-  v1::SceneFlowOptions message;
-  for (const auto& [method, name] : kSceneFlowMethods) {
-    if (options.method == name) message.set_method(method);
-  }
-  for (const std::string& format : options.formats) {
-    for (const auto& [known, name] : kSceneFlowFormats) {
-      if (format == name) message.add_formats(known);
-    }
-  }
-  message.set_every(options.every);
-  message.set_baseline_m(options.baseline_m);
-  return message;
-}
-
 v1::ClockEstimate Encode(const ClockEstimate& estimate) {
   v1::ClockEstimate message;
   message.set_summary(estimate.summary);
@@ -233,6 +174,13 @@ v1::Recording Encode(const Recording& recording) {
 }
 
 }  // namespace
+
+absl::StatusOr<std::string> OptionsDocument(const std::string& field, const google::protobuf::Message& options) {
+  constexpr size_t kMaxBytes = 64 << 10;  // kept with the job and read with it
+  std::string document = DocumentOf(options);
+  if (document.size() <= kMaxBytes) return document;
+  return InvalidField(field, absl::StrCat("takes ", document.size(), " bytes as JSON, must take at most ", kMaxBytes));
+}
 
 std::string SequenceName(std::string_view id) { return absl::StrCat("sequences/", View(id)); }
 std::string UploadName(std::string_view sequence_id, std::string_view upload_id) {
@@ -310,83 +258,26 @@ absl::StatusOr<PageRequest> ParsePage(int page_size, std::string_view page_token
                      .token = std::string(page_token)};
 }
 
-absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options) {
-  UpsampleOptions result;
-  const auto* method = std::find_if(std::begin(kMethods), std::end(kMethods),
-                                    [&](const auto& entry) { return entry.first == options.method(); });
-  if (method == std::end(kMethods)) {
-    return InvalidField("job.options.method", absl::StrCat("= ", static_cast<int>(options.method()),
-                                                           ", must be a method that this server knows"));
-  }
-  result.method = method->second;
-  if (options.key_every() < 0) {
-    return InvalidField("job.options.key_every", absl::StrCat("= ", options.key_every(), ", must be >= 0 (0 means 1)"));
-  }
-  result.key_every = std::max(1, options.key_every());
-  if (options.threads() < 0) {
-    return InvalidField("job.options.threads",
-                        absl::StrCat("= ", options.threads(), ", must be >= 0 (0 means that the server decides)"));
-  }
-  result.threads = options.threads();
-  const auto* preset = std::find_if(std::begin(kPresets), std::end(kPresets),
-                                    [&](const auto& entry) { return entry.first == options.preset(); });
-  if (preset == std::end(kPresets)) {
-    return InvalidField("job.options.preset", absl::StrCat("= ", static_cast<int>(options.preset()),
-                                                           ", must be a preset that this server knows"));
-  }
-  result.preset = preset->second;
-  result.without.assign(options.without().begin(), options.without().end());
-  result.literal.assign(options.literal().begin(), options.literal().end());
-  result.self_check = options.self_check();
-  result.causal = options.causal();
-  result.scene_flow = options.scene_flow();
-  if (!options.clock().empty()) result.clock = options.clock();
-  return result;
-}
-
-absl::StatusOr<SceneFlowOptions> Decode(const v1::SceneFlowOptions& options) {
-  SceneFlowOptions result;
-  const auto* method = std::find_if(std::begin(kSceneFlowMethods), std::end(kSceneFlowMethods),
-                                    [&](const auto& entry) { return entry.first == options.method(); });
-  if (method == std::end(kSceneFlowMethods)) {
-    return InvalidField("job.scene_flow_options.method", absl::StrCat("= ", static_cast<int>(options.method()),
-                                                                      ", must be a method that this server knows"));
-  }
-  result.method = method->second;
-  // In their own order, each once.
-  std::set<int> asked(options.formats().begin(), options.formats().end());
-  asked.insert(v1::SceneFlowOptions::FORMAT_NPZ);
-  result.formats.clear();
-  for (const auto& [format, name] : kSceneFlowFormats) {
-    if (asked.erase(format) > 0) result.formats.emplace_back(name);
-  }
-  if (!asked.empty()) {
-    return InvalidField("job.scene_flow_options.formats",
-                        absl::StrCat("has ", *asked.begin(), ", must be formats that this server knows"));
-  }
-  if (options.every() < 0) {
-    return InvalidField("job.scene_flow_options.every",
-                        absl::StrCat("= ", options.every(), ", must be >= 0 (0 means 1)"));
-  }
-  result.every = std::max(1, options.every());
-  if (options.baseline_m() != 0.0) result.baseline_m = options.baseline_m();
-  return result;
-}
-
 absl::StatusOr<NewJob> Decode(const v1::Job& job) {
   NewJob result = {.display_name = job.display_name()};
   ASSIGN_OR_RETURN(result.sequence_id, ParseSequenceName("job.sequence", job.sequence()));
-  ASSIGN_OR_RETURN(result.options, Decode(job.options()));
+  result.threads = job.threads();
   if (job.renders_size() > kMaxRenders) {
     return InvalidField("job.renders",
                         absl::StrCat("has ", job.renders_size(), " elements, must have at most ", kMaxRenders));
   }
   for (int i = 0; i < job.renders_size(); ++i) {
     ASSIGN_OR_RETURN(result.renders.emplace_back().options,
-                     RenderToJson(absl::StrCat("job.renders[", i, "]"), job.renders(i)));
+                     OptionsDocument(absl::StrCat("job.renders[", i, "]"), job.renders(i)));
   }
   if (job.has_scene_flow_options()) {
-    ASSIGN_OR_RETURN(result.scene_flow_options, Decode(job.scene_flow_options()));
+    if (job.has_options() && job.options().ByteSizeLong() > 0) {
+      return InvalidField("job.options", "is for jobs that upsample, and this one has scene_flow_options");
+    }
+    result.kind = JobKind::kSceneFlow;
+    ASSIGN_OR_RETURN(result.options, OptionsDocument("job.scene_flow_options", job.scene_flow_options()));
+  } else {
+    ASSIGN_OR_RETURN(result.options, OptionsDocument("job.options", job.options()));
   }
   if (!job.depth_from().empty()) {
     ASSIGN_OR_RETURN(result.depth_from, ParseJobName("job.depth_from", job.depth_from()));
@@ -485,13 +376,17 @@ v1::Job Encode(const JobView& job) {
   if (!record.id.empty()) message.set_name(JobName(record.id));  // one that is only validated has none
   message.set_display_name(record.display_name);
   message.set_sequence(SequenceName(record.sequence_id));
-  *message.mutable_options() = Encode(record.options);
+  if (record.kind == JobKind::kUpsample) {
+    ReadDocument(record.options, message.mutable_options());
+  } else {
+    ReadDocument(record.options, message.mutable_scene_flow_options());
+  }
+  message.set_threads(record.threads);
   for (const RenderRecord& render : record.renders) {
     v1::RenderOptions* added = message.add_renders();
-    *added = RenderFromJson(render.options);
+    ReadDocument(render.options, added);
     added->set_name(render.name);
   }
-  if (record.scene_flow_options) *message.mutable_scene_flow_options() = Encode(*record.scene_flow_options);
   if (!record.depth_from.empty()) message.set_depth_from(JobName(record.depth_from));
   message.set_state(Encode(record.state));
   message.set_attempt(record.attempt);

@@ -66,8 +66,9 @@ absl::Status FillPage(PageRequest page, Response* response,
 
 // ---- values ----
 
-absl::StatusOr<SceneFlowOptions> Decode(const v1::SceneFlowOptions& options);
-absl::StatusOr<UpsampleOptions> Decode(const v1::UpsampleOptions& options);
+// `options`, at `field` of the request, as the JSON document that depthtween-core reads. InvalidArgument (BAD_FIELD) if
+// it is too large to keep.
+absl::StatusOr<std::string> OptionsDocument(const std::string& field, const google::protobuf::Message& options);
 // What CreateJob is asked for.
 absl::StatusOr<NewJob> Decode(const v1::Job& job);
 

@@ -6,7 +6,6 @@
 
 #include "absl/strings/str_format.h"
 #include "server/rpc/encode.h"
-#include "server/rpc/render_options.h"
 #include "server/rpc/status.h"
 
 namespace depthtween::server {
@@ -42,7 +41,7 @@ absl::Status FrameRenderStream::Begin() {
     return InvalidField("encoding",
                         absl::StrFormat("= %d, must be PNG or JPEG for a picture", static_cast<int>(encoding)));
   }
-  ASSIGN_OR_RETURN(std::string options, RenderToJson("render", request_.render()));
+  ASSIGN_OR_RETURN(std::string options, OptionsDocument("render", request_.render()));
   ASSIGN_OR_RETURN(const JobView job, jobs_.Get(job_id_));
   const FrameRenderOrder order = {
       .frame = request_.frame(), .options = std::move(options), .jpeg = encoding == v1::ENCODING_JPEG};

@@ -13,7 +13,7 @@
 #include "absl/time/time.h"
 #include "core/base/status.h"
 #include "core/geometry/camera.h"
-#include "core/sequence/scene_flow_names.h"
+#include "core/options/job_options.h"
 #include "core/sequence/self_check.h"
 
 namespace depthtween::server {
@@ -91,35 +91,6 @@ inline bool HasEnded(JobState state) {
 std::string_view ToString(SequenceState state);
 std::string_view ToString(JobState state);
 
-// The options of `depthtween-core upsample`.
-struct UpsampleOptions {
-  std::string method = "ours";   // of UpsampleMethods() (core/sequence/upsample_names.h)
-  int key_every = 1;             // every n-th depth frame is input
-  int threads = 0;               // of each child; 0: the server decides. The bits do not depend on it.
-  std::string clock = "stamps";  // of depth frames: as ParseClockChoice (core/sequence/clock.h) reads it
-  // Of method "ours" alone.
-  std::string preset = "balanced";   // of PresetNames()
-  std::vector<std::string> without;  // of PartNames(): stages left out
-  std::vector<std::string> literal;  // of LiteralNames(): choices of the paper as printed; preset "reference" alone
-  bool causal = false;               // each frame from what had been seen by then alone
-  bool self_check = false;           // measure first how good it is: see SelfCheck
-  bool scene_flow = false;           // also the 3-D motion of every frame to the next
-
-  // InvalidArgument with field, value and rule.
-  absl::Status Validate() const;
-};
-
-// The options of `depthtween-core sceneflow`.
-struct SceneFlowOptions {
-  std::string method = "ours";                 // of SceneFlowMethods() (core/sequence/scene_flow_names.h)
-  std::vector<std::string> formats = {"npz"};  // of SceneFlowFormats(); npz is always among them
-  int every = 1;                               // from every n-th colour frame to the n-th after it
-  double baseline_m = kDefaultBaselineM;       // of the disparities of "kitti"
-
-  // InvalidArgument with field, value and rule.
-  absl::Status Validate() const;
-};
-
 // The depth camera's clock, as depthtween-core measured it from the images. Sigmas are one standard deviation; -1 =
 // unknown.
 struct ClockEstimate {
@@ -151,15 +122,15 @@ struct RenderRecord {
 struct NewJob {
   std::string display_name;
   std::string sequence_id;
-  UpsampleOptions options;
+  JobKind kind = JobKind::kUpsample;
+  std::string options = "{}";  // JSON document: what core/options/job_options.h makes of it, nothing here reads
+  int threads = 0;             // of each child; 0: the server decides. The bits do not depend on it.
+  // Of an upsampling alone.
   std::vector<RenderRecord> renders;
   std::string depth_from;  // id of a job that has this depth already; empty: compute it
-  // Set: the job computes the scene flow of the recording as it is, which must have depth for every colour frame. Of
-  // `options` only `threads` means something then, and there are neither renders nor depth to take over.
-  std::optional<SceneFlowOptions> scene_flow_options;
 
-  // InvalidArgument with field, value and rule.
-  absl::Status Validate() const;
+  // The same with its options in canonical form. InvalidArgument with field, value and rule.
+  absl::StatusOr<NewJob> Checked() const;
 };
 
 struct JobRecord {
@@ -167,10 +138,12 @@ struct JobRecord {
   int64_t number = 0;  // ascends in the order of creation
   std::string display_name;
   std::string sequence_id;
-  UpsampleOptions options;
+  JobKind kind = JobKind::kUpsample;
+  std::string options;  // canonical
+  JobFacts facts;       // of these options
+  int threads = 0;
   std::vector<RenderRecord> renders;
   std::string depth_from;
-  std::optional<SceneFlowOptions> scene_flow_options;
   Recording recording;  // of the sequence when the job was made: it may be deleted later
   JobState state = JobState::kQueued;
   int attempt = 1;
@@ -184,8 +157,8 @@ struct JobRecord {
   int frames_total = 0;
   double interval_seconds = 0.0;                // wall seconds, summed over the intervals done
   std::optional<int> queue_position;            // jobs ahead, while kQueued
-  std::optional<SelfCheck> self_check;          // once it was measured, if options.self_check
-  std::optional<ClockEstimate> clock_estimate;  // once there is a plan, if options.clock asks for it
+  std::optional<SelfCheck> self_check;          // once it was measured, if facts.self_check
+  std::optional<ClockEstimate> clock_estimate;  // once there is a plan, if the options ask for it
 
   // Over all renders.
   int RenderedFramesDone() const;

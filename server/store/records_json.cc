@@ -95,13 +95,6 @@ std::string ToJson(const RenderRecord& render) {
                {"videos", render.videos}});
 }
 
-std::string ToJson(const SceneFlowOptions& options) {
-  return Dump({{"method", options.method},
-               {"formats", options.formats},
-               {"every", options.every},
-               {"baseline_m", options.baseline_m}});
-}
-
 std::string ToJson(const ClockEstimate& estimate) {
   return Dump({{"summary", estimate.summary},
                {"reason", estimate.reason},
@@ -153,15 +146,6 @@ absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text) {
                         .streams = value.at("streams").get<std::vector<std::string>>(),
                         .extension = value.at("extension"),
                         .videos = value.at("videos").get<std::vector<std::string>>()};
-  });
-}
-
-absl::StatusOr<SceneFlowOptions> SceneFlowOptionsFromJson(const std::string& text) {
-  return Parse<SceneFlowOptions>(text, [](const json& value) {
-    return SceneFlowOptions{.method = value.at("method"),
-                            .formats = value.at("formats").get<std::vector<std::string>>(),
-                            .every = value.at("every"),
-                            .baseline_m = value.at("baseline_m")};
   });
 }
 

@@ -13,15 +13,10 @@ namespace {
 constexpr char kJobScope[] = "job";
 
 constexpr char kJobColumns[] =
-    "SELECT id, number, display_name, sequence_id, method, key_every, threads, recording, state, attempt, error_code, "
+    "SELECT id, number, display_name, sequence_id, kind, options, threads, recording, state, attempt, error_code, "
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
-    "frames_total, "
-    "interval_seconds, depth_from, preset, without, self_check, self_check_result, causal, clock, clock_estimate, "
-    "scene_flow, scene_flow_options, literal, error_info, (SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, "
-    "3) AND "
-    "ahead.number "
-    "< jobs.number) FROM "
-    "jobs ";
+    "frames_total, interval_seconds, depth_from, self_check, clock_estimate, error_info, "
+    "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
   return row.IsNull(column) ? absl::InfiniteFuture() : absl::FromUnixMicros(row.Int64(column));
@@ -32,16 +27,9 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .number = row.Int64(1),
                    .display_name = row.Text(2),
                    .sequence_id = row.Text(3),
-                   .options = {.method = row.Text(4),
-                               .key_every = row.Int(5),
-                               .threads = row.Int(6),
-                               .clock = row.Text(26),
-                               .preset = row.Text(21),
-                               .without = absl::StrSplit(row.Text(22), ',', absl::SkipEmpty()),
-                               .literal = absl::StrSplit(row.Text(30), ',', absl::SkipEmpty()),
-                               .causal = row.Int(25) != 0,
-                               .self_check = row.Int(23) != 0,
-                               .scene_flow = row.Int(28) != 0},
+                   .kind = static_cast<JobKind>(row.Int(4)),
+                   .options = row.Text(5),
+                   .threads = row.Int(6),
                    .depth_from = row.Text(20),
                    .state = static_cast<JobState>(row.Int(8)),
                    .attempt = row.Int(9),
@@ -54,21 +42,19 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(32);
+  if (job.state == JobState::kQueued) job.queue_position = row.Int(24);
   ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
-  if (!row.IsNull(29)) {
-    ASSIGN_OR_RETURN(job.scene_flow_options, SceneFlowOptionsFromJson(row.Text(29)));
-  }
-  if (!row.IsNull(24)) {
-    absl::StatusOr<SelfCheck> check = ParseSelfCheck(row.Text(24));
+  ASSIGN_OR_RETURN(job.facts, FactsOfJob(job.kind, job.options));
+  if (!row.IsNull(21)) {
+    absl::StatusOr<SelfCheck> check = ParseSelfCheck(row.Text(21));
     if (!check.ok()) return absl::DataLossError(absl::StrCat("database: damaged record: ", check.status().message()));
     job.self_check = *std::move(check);
   }
-  if (!row.IsNull(27)) {
-    ASSIGN_OR_RETURN(job.clock_estimate, ClockEstimateFromJson(row.Text(27)));
+  if (!row.IsNull(22)) {
+    ASSIGN_OR_RETURN(job.clock_estimate, ClockEstimateFromJson(row.Text(22)));
   }
-  if (!row.IsNull(31)) {
-    ASSIGN_OR_RETURN(const ErrorInfo info, ErrorInfoFromJson(row.Text(31)));
+  if (!row.IsNull(23)) {
+    ASSIGN_OR_RETURN(const ErrorInfo info, ErrorInfoFromJson(row.Text(23)));
     job.error = WithErrorInfo(job.error, info);
   }
   return job;
@@ -76,18 +62,8 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
 
 std::string Fingerprint(const NewJob& job) {
   Sha256 hash;
-  hash.Update(absl::StrCat(job.sequence_id, "\n", job.options.method, "\n", job.options.key_every, "\n",
-                           job.options.threads, "\n", job.display_name));
-  // Jobs without what came later keep the fingerprint they had before.
-  if (job.options.preset != UpsampleOptions().preset) hash.Update("\npreset " + job.options.preset);
-  for (const std::string& part : job.options.without) hash.Update("\nwithout " + part);
-  for (const std::string& choice : job.options.literal) hash.Update("\nliteral " + choice);
-  if (job.options.causal) hash.Update("\ncausal");
-  if (job.options.clock != UpsampleOptions().clock) hash.Update("\nclock " + job.options.clock);
-  if (job.options.self_check) hash.Update("\nself_check");
-  if (job.options.scene_flow) hash.Update("\nscene_flow");
-  if (job.scene_flow_options) hash.Update("\nscene_flow_options " + ToJson(*job.scene_flow_options));
-  if (!job.depth_from.empty()) hash.Update(absl::StrCat("\ndepth_from ", job.depth_from));
+  hash.Update(absl::StrCat(job.sequence_id, "\n", job.kind, "\n", job.options, "\n", job.threads, "\n",
+                           job.display_name, "\n", job.depth_from));
   for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
   return Hex(hash.Finish());
 }
@@ -135,20 +111,18 @@ absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
     return WrongState(ToString(from.state), absl::StrCat(name, " is ", std::string(ToString(from.state)),
                                                          ", must be SUCCEEDED before its depth can be taken over"));
   }
-  if (from.scene_flow_options) {
+  if (from.kind != JobKind::kUpsample) {
     return BadField("job.depth_from",
                     absl::StrCat("job.depth_from = ", name, " has scene flow and no depth to take over"));
   }
-  if (from.sequence_id != job.sequence_id || from.options.method != job.options.method ||
-      from.options.key_every != job.options.key_every || from.options.preset != job.options.preset ||
-      from.options.without != job.options.without || from.options.literal != job.options.literal ||
-      from.options.causal != job.options.causal || from.options.clock != job.options.clock) {
+  if (from.sequence_id != job.sequence_id || !GiveSameDepth(from.options, job.options)) {
     return BadField("job.depth_from",
                     absl::StrCat("job.depth_from = ", name,
-                                 ", must have the sequence of this job and all of its options but threads, "
-                                 "self_check and scene_flow"));
+                                 ", must have the sequence of this job and all of its options but self_check and "
+                                 "scene_flow"));
   }
-  if (job.options.scene_flow && !from.options.scene_flow) {
+  ASSIGN_OR_RETURN(const JobFacts facts, FactsOfJob(job.kind, job.options));
+  if (facts.outputs.size() > from.facts.outputs.size()) {
     return BadField(
         "job.options.scene_flow",
         absl::StrCat("job.options.scene_flow asks for motion that ", name,
@@ -165,9 +139,10 @@ absl::Status SqliteStore::EndJob(int64_t number, JobState state, const absl::Sta
        absl::ToUnixMicros(absl::Now()), number});
 }
 
-absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) {
-  RETURN_IF_ERROR(CheckText("job.display_name", job.display_name, limits_.max_display_name_bytes));
-  RETURN_IF_ERROR(job.Validate());
+absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& order, std::string_view request_id, bool validate_only) {
+  RETURN_IF_ERROR(CheckText("job.display_name", order.display_name, limits_.max_display_name_bytes));
+  ASSIGN_OR_RETURN(const NewJob job, order.Checked());
+  ASSIGN_OR_RETURN(const JobFacts facts, FactsOfJob(job.kind, job.options));
   const std::string fingerprint = Fingerprint(job);
   return Transact([&]() -> absl::StatusOr<JobRecord> {
     ASSIGN_OR_RETURN(const std::optional<std::string> made, MadeBefore(kJobScope, request_id, fingerprint));
@@ -184,7 +159,7 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     std::optional<SelfCheck> self_check;
     if (!job.depth_from.empty()) {
       ASSIGN_OR_RETURN(JobRecord from, FindDepthFrom(job));
-      if (job.options.self_check) self_check = std::move(from.self_check);
+      if (facts.self_check) self_check = std::move(from.self_check);
     }
     ASSIGN_OR_RETURN(const std::optional<int64_t> queued,
                      database_->Number("SELECT count(*) FROM jobs WHERE state = 1"));
@@ -196,10 +171,12 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     if (validate_only) {
       return JobRecord{.display_name = job.display_name,
                        .sequence_id = job.sequence_id,
+                       .kind = job.kind,
                        .options = job.options,
+                       .facts = facts,
+                       .threads = job.threads,
                        .renders = job.renders,
                        .depth_from = job.depth_from,
-                       .scene_flow_options = job.scene_flow_options,
                        .recording = *sequence.validation.recording,
                        .create_time = now,
                        .start_time = absl::InfiniteFuture(),
@@ -208,15 +185,11 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& job, std::string_
     }
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
-        "INSERT INTO jobs (id, display_name, sequence_id, recording, method, key_every, threads, state, "
-        "create_time_us, depth_from, preset, without, self_check, self_check_result, causal, clock, scene_flow, "
-        "scene_flow_options, literal) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.options.method,
-         job.options.key_every, job.options.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
-         job.options.preset, absl::StrJoin(job.options.without, ","), job.options.self_check,
-         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr, job.options.causal, job.options.clock,
-         job.options.scene_flow, job.scene_flow_options ? SqlValue(ToJson(*job.scene_flow_options)) : nullptr,
-         absl::StrJoin(job.options.literal, ",")}));
+        "INSERT INTO jobs (id, display_name, sequence_id, recording, kind, options, threads, state, create_time_us, "
+        "depth_from, self_check) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.kind, job.options,
+         job.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
+         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(

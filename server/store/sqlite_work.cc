@@ -42,7 +42,7 @@ absl::Status SqliteStore::AddTask(TaskKind kind, int64_t owner, int failures) {
 }
 
 absl::Status SqliteStore::AddFirstTask(const JobRecord& job) {
-  const bool check = job.options.self_check && !job.self_check.has_value();
+  const bool check = job.facts.self_check && !job.self_check.has_value();
   return AddTask(check ? TaskKind::kSelfCheck : TaskKind::kPrepare, job.number, /*failures=*/0);
 }
 
@@ -173,8 +173,7 @@ absl::StatusOr<int64_t> SqliteStore::TakeRenderParts(int64_t job, int wanted) {
 absl::Status SqliteStore::FinishSelfCheck(int64_t task, const SelfCheck& check) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
-    RETURN_IF_ERROR(
-        database_->Run("UPDATE jobs SET self_check_result = ? WHERE number = ?", {ToJson(check).dump(), row.job}));
+    RETURN_IF_ERROR(database_->Run("UPDATE jobs SET self_check = ? WHERE number = ?", {ToJson(check).dump(), row.job}));
     RETURN_IF_ERROR(RemoveTask(task));
     ASSIGN_OR_RETURN(const JobRecord job, ReadJob(row.job));
     if (job.state == JobState::kRunning) RETURN_IF_ERROR(AddFirstTask(job));

@@ -12,11 +12,14 @@ MODULES = {
     "core/base": [],
     "core/geometry": ["core/base"],
     "core/sequence": ["core/geometry"],
+    # The one list of options. It knows no pixels: servers and clients may know it.
+    "core/options": ["core/sequence"],
+    "core/flags": ["core/options"],
     "core/io": ["core/sequence"],
     "core/flow": ["core/sequence"],
     "core/raster": ["core/sequence"],
     "core/fill": ["core/sequence"],
-    "core/solve": ["core/flow", "core/fill"],
+    "core/solve": ["core/flow", "core/fill", "core/options"],
     "core/capture": ["core/flow", "core/fill"],
     "core/upsample": ["core/solve", "core/raster"],
     "core/sceneflow": ["core/upsample"],
@@ -24,29 +27,29 @@ MODULES = {
     "core/metrics": ["core/sequence"],
     "core/synthetic": ["core/io"],
     "core/render": ["core/fill"],
-    "core/session": ["core/capture", "core/sceneflow", "core/baselines", "core/metrics", "core/render", "core/io"],
-    "core/tools": ["core/session", "core/synthetic"],
-    # Headers that both sides of the wire share; they know no generated type.
+    "core/session": ["core/options", "core/capture", "core/sceneflow", "core/baselines", "core/metrics", "core/render", "core/io"],
+    "core/tools": ["core/session", "core/synthetic", "core/flags"],
+    # Headers that both sides of the wire share; they know no generated type of ours.
     "proto/depthtween": [],
     # The server knows recordings as values and files, never the algorithms: those run in child processes.
     "server/telemetry": [],
-    "server/store": ["core/sequence", "proto/depthtween"],
+    "server/store": ["core/options", "proto/depthtween"],
     "server/jobs": ["server/store", "server/telemetry"],
     "server/rpc": ["server/jobs", "core/io"],
     "server": ["server/rpc"],
-    "client/lib": ["proto/depthtween"],
-    "client/cli": ["client/lib"],
+    "client/lib": ["proto/depthtween", "core/base"],
+    "client/cli": ["client/lib", "core/flags"],
 }
 
 # (what it is, the headers as a regular expression, the CMake targets as one, the modules that may know it)
 EXTERNAL = [
     ("gRPC", r"grpc(pp)?/", r"gRPC::|grpc\+\+", ["server/rpc", "client/lib", "client/cli"]),
-    ("protobuf", r"google/|depthtween/v1/", r"protobuf::|depthtween_proto", ["server/rpc", "client/lib", "client/cli"]),
+    ("protobuf", r"google/|depthtween/v1/", r"protobuf::|depthtween_proto", ["server/rpc", "client/lib", "client/cli", "proto/depthtween"]),
     ("SQLite", r"sqlite", r"SQLite", ["server/store"]),
     ("HTTP", r"boost/|curl/|httplib", r"Boost::|CURL::", []),
     ("OpenCV", r"opencv2/", r"opencv_", ["core/flow", "core/baselines", "core/session", "core/tools"]),
     ("the codecs of libav", r"libav|libsw", r"PkgConfig::LIBAV", ["core/io"]),
-    ("CLI11", r"CLI/", r"CLI11::", ["core/tools", "server", "client/cli"]),
+    ("CLI11", r"CLI/", r"CLI11::", ["core/flags", "core/tools", "server", "client/cli"]),
     ("spdlog", r"spdlog/", r"spdlog::", ["server/telemetry", "server/rpc"]),
     ("GoogleTest", r"g(test|mock)/", r"GTest::", []),
 ]

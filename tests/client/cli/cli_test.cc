@@ -82,28 +82,28 @@ TEST(DescribeOptions, AreTheFlagsOfTheOrder) {
   v1::Job job;
   EXPECT_EQ(DescribeOptions(job), "");
   v1::UpsampleOptions& options = *job.mutable_options();
-  options.set_method(v1::UpsampleOptions::METHOD_OURS);
+  options.set_method("ours");
   options.set_key_every(1);
-  options.set_preset(v1::UpsampleOptions::PRESET_BALANCED);
+  options.set_preset("balanced");
   options.set_clock("stamps");
   EXPECT_EQ(DescribeOptions(job), "");
-  options.set_preset(v1::UpsampleOptions::PRESET_REFERENCE);
+  options.set_preset("reference");
   options.add_literal("short");
   options.add_literal("rigid\x1b");
   options.add_without("median");
   options.set_clock("-4");
   options.set_self_check(true);
   EXPECT_EQ(DescribeOptions(job),
-            "asked for: --preset reference --without median --literal short,rigid? --clock=-4 --self-check\n");
+            "asked for: --preset reference --self-check --clock=-4 --without median --literal short,rigid?\n");
   options.Clear();
-  options.set_method(v1::UpsampleOptions::METHOD_DOLSON_MODE);
+  options.set_method("dolson-mode");
   options.set_key_every(4);
   EXPECT_EQ(DescribeOptions(job), "asked for: --method dolson-mode --key-every 4\n");
   v1::SceneFlowOptions& flow = *job.mutable_scene_flow_options();
-  flow.add_formats(v1::SceneFlowOptions::FORMAT_NPZ);
+  flow.add_formats("npz");
   EXPECT_EQ(DescribeOptions(job), "");
-  flow.set_method(v1::SceneFlowOptions::METHOD_PD_FLOW);
-  flow.add_formats(v1::SceneFlowOptions::FORMAT_KITTI);
+  flow.set_method("pd-flow");
+  flow.add_formats("kitti");
   flow.set_every(2);
   EXPECT_EQ(DescribeOptions(job), "asked for: --method pd-flow --format npz,kitti --every 2\n");
 }

@@ -171,18 +171,16 @@ TEST_F(ClientTest, SubmittingAgainIsTheSameRequestAndOtherOptionsAnother) {
     change(*other.mutable_options());
     ASSERT_TRUE(SubmitJob(*connection_, other).ok());
   };
-  with([](v1::UpsampleOptions& options) { options.set_method(v1::UpsampleOptions::METHOD_HOLD); });
+  with([](v1::UpsampleOptions& options) { options.set_method("hold"); });
   with([](v1::UpsampleOptions& options) { options.set_key_every(2); });
-  with([](v1::UpsampleOptions& options) { options.set_preset(v1::UpsampleOptions::PRESET_FAST); });
+  with([](v1::UpsampleOptions& options) { options.set_preset("fast"); });
   with([](v1::UpsampleOptions& options) { options.add_without("draw"); });
   with([](v1::UpsampleOptions& options) { options.set_self_check(true); });
   with([](v1::UpsampleOptions& options) { options.set_causal(true); });
   with([](v1::UpsampleOptions& options) { options.set_clock("4,300"); });
-  with([](v1::UpsampleOptions& options) { options.set_clock("stamps"); });
   const auto& ids = server_.jobs.request_ids;
-  ASSERT_EQ(ids.size(), 10U);
+  ASSERT_EQ(ids.size(), 9U);
   EXPECT_EQ(ids[0], ids[1]);
-  EXPECT_EQ(ids[0], ids[9]) << "said or not, it is the default";
   EXPECT_EQ(std::set<std::string>(ids.begin(), ids.end()).size(), 8U);
   EXPECT_EQ(server_.jobs.retries, 0);
 }
@@ -198,9 +196,6 @@ TEST_F(ClientTest, EveryOptionIsPartOfTheRequest) {
         return reflection->SetInt32(&options, field, 2);
       case google::protobuf::FieldDescriptor::CPPTYPE_DOUBLE:
         return reflection->SetDouble(&options, field, 2);
-      case google::protobuf::FieldDescriptor::CPPTYPE_ENUM:
-        return field->is_repeated() ? reflection->AddEnumValue(&options, field, 1)
-                                    : reflection->SetEnumValue(&options, field, 3);
       default:
         return field->is_repeated() ? reflection->AddString(&options, field, "x")
                                     : reflection->SetString(&options, field, "x");

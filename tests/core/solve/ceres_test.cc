@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "core/sequence/upsample_names.h"
+#include "core/options/upsample_options.h"
 #include "core/solve/energy.h"
 #include "core/solve/level.h"
 #include "gtest/gtest.h"

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/sequence/upsample_names.h"
+#include "core/options/upsample_options.h"
 #include "core/solve/level.h"
 #include "gtest/gtest.h"
 #include "tests/core/solve/moving_plane.h"

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <string>
 
-#include "core/sequence/upsample_names.h"
+#include "core/options/upsample_options.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/solve/moving_plane.h"

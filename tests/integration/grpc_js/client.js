@@ -237,7 +237,7 @@ async function runJob(sequence) {
   const job = await call(jobs, 'CreateJob', { job: { sequence }, request_id: 'the-one-job' });
   assert.equal((await call(jobs, 'CreateJob', { job: { sequence }, request_id: 'the-one-job' })).name, job.name);
   const otherBody = await failure(
-    call(jobs, 'CreateJob', { job: { sequence, options: { method: 'METHOD_HOLD' } }, request_id: 'the-one-job' }),
+    call(jobs, 'CreateJob', { job: { sequence, options: { method: 'hold' } }, request_id: 'the-one-job' }),
   );
   assert.equal(otherBody.code, grpc.status.ALREADY_EXISTS);
 

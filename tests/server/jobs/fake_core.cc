@@ -156,7 +156,7 @@ void ComputeInterval(int interval) {
   }
   Tell(R"({"stage":"flow","interval":)" + std::to_string(interval) + "}");
   if (!Says("lie_at", interval)) {
-    const bool scene_flow = ReadFile(options["--options"]).find(R"("sceneflow")") != std::string::npos;
+    const bool scene_flow = ReadFile(options["--options"]).find(R"("scene_flow":{)") != std::string::npos;
     const std::map<std::string, std::string> upsampled = {
         {"depth", ".png"}, {"uncertainty", ".png"}, {"provenance", ".png"}};
     const std::map<std::string, std::string> moved = {
@@ -197,7 +197,7 @@ void Plan() {
     Append(options["--sequence"] + "/log", "start " + std::to_string(getpid()) + "\n");
     while (true) pause();
   }
-  if (script.count("no_pairs") > 0 && ReadFile(options["--options"]).find(R"("sceneflow")") != std::string::npos)
+  if (script.count("no_pairs") > 0 && ReadFile(options["--options"]).find(R"("scene_flow":{)") != std::string::npos)
     FailWith("FAILED_PRECONDITION", "rates differ");
   std::string plans;
   for (const auto& [name, text] : RenderNames(ReadFile(options["--options"]))) {
@@ -239,7 +239,10 @@ void RenderInterval(int interval, int intervals) {
 int main(int argc, char** argv) {
   if (argc < 3 || strcmp(argv[1], "task") != 0) return 2;
   const std::string kind = argv[2];
-  for (int i = 3; i + 1 < argc; i += 2) options[argv[i]] = argv[i + 1];
+  for (int i = 3; i + 1 < argc; i += 2) {
+    if (strcmp(argv[i], "--keep-motion") == 0) ++i;  // has no value
+    options[argv[i]] = argv[i + 1];
+  }
   const std::string sequence = options["--sequence"];
   std::istringstream lines(ReadFile(sequence + "/script"));
   for (std::string line; std::getline(lines, line);) {

@@ -29,7 +29,7 @@ TEST_F(JobManagerTest, WholeLife) {
   EXPECT_EQ(recording.last_time_ns, 20);
 
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = {.key_every = 2}}, "", false)).record.id;
+      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"key_every":2})"}, "", false)).record.id;
   const JobView ended = Ended(job);
   EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
   EXPECT_EQ(ended.progress.stage, "succeeded");
@@ -44,10 +44,10 @@ TEST_F(JobManagerTest, WholeLife) {
     EXPECT_EQ(Frame(job, "uncertainty", frame.stem), "uncertainty " + std::to_string(frame.index));
     EXPECT_EQ(Frame(job, "provenance", frame.stem), "provenance " + std::to_string(frame.index));
   }
-  // fake_core reports the options it was given; threads is what the server decided.
+  // fake_core reports the order it was given.
   EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
-            R"({"causal":false,"clock":"stamps","key_every":2,"literal":[],"method":"ours","preset":"balanced",)"
-            R"("scene_flow":false,"self_check":false,"threads":1,"without":[]})");
+            R"({"upsample":{"causal":false,"clock":"stamps","key_every":2,"literal":[],"method":"ours",)"
+            R"("preset":"balanced","scene_flow":false,"self_check":false,"without":[]}})");
   WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
 
   EXPECT_THAT(jobs_->Delete(job), IsOk());
@@ -315,7 +315,7 @@ TEST_F(JobManagerTest, SelfCheckIsMeasuredFirstAndIsPartOfTheReport) {
   Start(2);
   const std::string sequence = ReadySequence("wait_check\n");
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = {.self_check = true}}, "", false)).record.id;
+      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false)).record.id;
   WaitUntil([&] { return View(job).progress.stage == "self-check, map 1 of 1"; });
   EXPECT_EQ(View(job).record.intervals_total, 0) << "nothing else is begun";
   Go(sequence);
@@ -334,7 +334,7 @@ TEST_F(JobManagerTest, SelfCheckThatCannotBeMadeStopsNothing) {
   Start();
   const std::string sequence = ReadySequence("no_check\n");
   const JobView ended =
-      Ended(Take(jobs_->Create({.sequence_id = sequence, .options = {.self_check = true}}, "", false)).record.id);
+      Ended(Take(jobs_->Create({.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false)).record.id);
   EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
   EXPECT_EQ(ended.record.self_check->reason, "too short");
 }
@@ -343,7 +343,7 @@ TEST_F(JobManagerTest, StoppedServerMeasuresTheSelfCheckAgainAndAFinishedOneNeve
   Start();
   const std::string sequence = ReadySequence("wait_check\n");
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = {.self_check = true}}, "", false)).record.id;
+      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false)).record.id;
   WaitUntil([&] { return Logged(sequence, "check").size() == 1; });
   Close();
   Start();
@@ -423,7 +423,7 @@ TEST_F(JobManagerTest, RendersOfFinishedDepthComputeNothingAgain) {
 TEST_F(JobManagerTest, SceneFlowIsThereWhenTheJobHasSucceeded) {
   Start();
   const std::string sequence = ReadySequence();
-  const NewJob order = {.sequence_id = sequence, .options = {.scene_flow = true}};
+  const NewJob order = {.sequence_id = sequence, .options = R"({"scene_flow":true})"};
   const std::string from = Take(jobs_->Create(order, "", false)).record.id;
   ASSERT_EQ(Ended(from).record.state, JobState::kSucceeded) << View(from).record.error;
   const OutputSpec output = Output(from, "sceneflow");
@@ -444,7 +444,7 @@ TEST_F(JobManagerTest, SceneFlowIsMadeWithProgress) {
   Start();
   const std::string sequence = ReadySequence("wait_flow 3\n");
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = {.scene_flow = true}}, "", false)).record.id;
+      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"scene_flow":true})"}, "", false)).record.id;
   for (const bool killed : {false, true}) {
     if (killed) {
       Close();
@@ -465,7 +465,8 @@ TEST_F(JobManagerTest, SceneFlowIsMadeWithProgress) {
 TEST_F(JobManagerTest, SceneFlowJobResumesAndHasNoDepth) {
   Start();
   const std::string sequence = ReadySequence("wait_at 1");
-  const NewJob order = {.sequence_id = sequence, .scene_flow_options = {{.formats = {"npz", "kitti"}, .every = 2}}};
+  const NewJob order = {
+      .sequence_id = sequence, .kind = JobKind::kSceneFlow, .options = R"({"formats":["kitti"],"every":2})"};
   const std::string job = Take(jobs_->Create(order, "", false)).record.id;
   WaitUntil([&] { return View(job).record.frames_done == 2; });
   EXPECT_THAT(jobs_->RenderFrame(job, {.options = kDof}, nullptr),
@@ -480,7 +481,7 @@ TEST_F(JobManagerTest, SceneFlowJobResumesAndHasNoDepth) {
   EXPECT_EQ(Frame(job, "kitti-disp_1", "000000"), "kitti/disp_1 0");
   EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "preview"))), "preview");
   EXPECT_EQ(ReadText(jobs_->OutputFile(job, Output(job, "report"))),
-            R"({"sceneflow":{"baseline_m":0.1,"every":2,"formats":["npz","kitti"],"method":"ours"},"threads":1})");
+            R"({"scene_flow":{"baseline_m":0.1,"every":2,"formats":["npz","kitti"],"method":"ours"}})");
 }
 
 // Refused when it is asked for, not when its turn has come.
@@ -488,13 +489,12 @@ TEST_F(JobManagerTest, SceneFlowThatASequenceCannotGiveIsRefused) {
   Start();
   const std::string sequence = ReadySequence("no_pairs\n");
   for (const bool validate_only : {true, false}) {
-    const auto refused =
-        jobs_->Create({.sequence_id = sequence, .scene_flow_options = SceneFlowOptions()}, "", validate_only);
+    const auto refused = jobs_->Create({.sequence_id = sequence, .kind = JobKind::kSceneFlow}, "", validate_only);
     EXPECT_THAT(refused, HasReason(absl::StatusCode::kFailedPrecondition, "NO_SCENE_FLOW"));
     EXPECT_EQ(refused.status().message(), absl::StrCat("sequences/", sequence, ": rates differ"));
   }
   EXPECT_THAT(Take(jobs_->List({}, {})).items, SizeIs(0));
-  const NewJob wrong = {.sequence_id = sequence, .scene_flow_options = {{.every = 0}}};
+  const NewJob wrong = {.sequence_id = sequence, .kind = JobKind::kSceneFlow, .options = R"({"every":0})"};
   EXPECT_THAT(jobs_->Create(wrong, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   EXPECT_THAT(jobs_->Create({.sequence_id = sequence}, "", false), IsOk()) << "it can be upsampled";
 }

@@ -17,40 +17,38 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
               ElementsAre("core", "task", "validate", "--sequence", "S", "--progress-fd", "3"));
   EXPECT_THAT(TaskCommand({.kind = TaskKind::kPrepare}, paths),
               ElementsAre("core", "task", "prepare", "--sequence", "S", "--progress-fd", "3", "--options", "O",
-                          "--constants", "C"));
+                          "--threads", "1", "--constants", "C"));
   EXPECT_THAT(TaskCommand({.kind = TaskKind::kIntervals, .first_interval = 4, .interval_count = 2}, paths),
               ElementsAre("core", "task", "intervals", "--sequence", "S", "--progress-fd", "3", "--options", "O",
-                          "--constants", "C", "--first", "4", "--count", "2", "--out", "D"));
+                          "--threads", "1", "--constants", "C", "--first", "4", "--count", "2", "--out", "D"));
   EXPECT_THAT(
       TaskCommand({.kind = TaskKind::kRender, .first_interval = 4, .interval_count = 2},
                   {.program = "core", .sequence = "S", .options = "O", .constants = "C", .out = "D", .result = "R"},
                   "dof"),
-      ElementsAre("core", "task", "render", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--constants",
-                  "C", "--first", "4", "--count", "2", "--render", "dof", "--result", "R", "--out", "D"));
+      ElementsAre("core", "task", "render", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--threads", "1",
+                  "--constants", "C", "--first", "4", "--count", "2", "--render", "dof", "--result", "R", "--out",
+                  "D"));
   EXPECT_THAT(TaskCommand({.kind = TaskKind::kSelfCheck}, paths),
               ElementsAre("core", "task", "self-check", "--sequence", "S", "--progress-fd", "3", "--options", "O",
-                          "--out", "D"));
+                          "--threads", "1", "--out", "D"));
   EXPECT_THAT(
       TaskCommand(
           {.kind = TaskKind::kAssemble},
           {.program = "core", .sequence = "S", .options = "O", .constants = "C", .out = "D", .self_check = "X"}),
-      ElementsAre("core", "task", "assemble", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--constants",
-                  "C", "--out", "D", "--self-check", "X"));
-  EXPECT_EQ(OptionsJson({}, {{.options = R"({"name":"a"})"}, {.options = "{}", .uses_motion = true}}),
-            R"({"causal":false,"clock":"stamps","keep_motion":true,"key_every":1,"literal":[],"method":"ours",)"
-            R"("preset":"balanced",)"
-            R"("renders":[{"name":"a"},{}],"scene_flow":false,"self_check":false,"threads":0,"without":[]})");
-  EXPECT_EQ(OptionsJson({.clock = "4,300", .preset = "fast", .without = {"draw"}, .causal = true, .self_check = true}),
-            R"({"causal":true,"clock":"4,300","key_every":1,"literal":[],"method":"ours","preset":"fast",)"
-            R"("scene_flow":false,)"
-            R"("self_check":true,"threads":0,"without":["draw"]})");
-  EXPECT_NE(OptionsJson({.preset = "reference", .literal = {"short", "rigid"}}).find(R"("literal":["short","rigid"])"),
-            std::string::npos);
-  EXPECT_NE(OptionsJson({.scene_flow = true}).find(R"("scene_flow":true)"), std::string::npos);
-  EXPECT_EQ(SceneFlowJson({.method = "pd-flow", .formats = {"npz", "flo"}, .every = 2, .baseline_m = 0.5}, 3),
-            R"({"sceneflow":{"baseline_m":0.5,"every":2,"formats":["npz","flo"],"method":"pd-flow"},"threads":3})");
-  EXPECT_EQ(OptionsJson({.method = "hold", .key_every = 3, .threads = 2}),
-            R"({"clock":"stamps","key_every":3,"method":"hold","threads":2})");
+      ElementsAre("core", "task", "assemble", "--sequence", "S", "--progress-fd", "3", "--options", "O", "--threads",
+                  "1", "--constants", "C", "--out", "D", "--self-check", "X"));
+  EXPECT_THAT(TaskCommand({.kind = TaskKind::kPrepare},
+                          {.program = "core", .options = "O", .constants = "C", .threads = 3, .keep_motion = true}),
+              ElementsAre("core", "task", "prepare", "--sequence", "", "--progress-fd", "3", "--options", "O",
+                          "--threads", "3", "--keep-motion", "--constants", "C"));
+}
+
+TEST(TaskProtocol, OrdersHoldTheDocumentsAsTheyAre) {
+  EXPECT_EQ(OrderJson(JobKind::kUpsample, R"({"a":1})", {{.options = R"({"name":"a"})"}, {.options = "{}"}}),
+            R"({"renders":[{"name":"a"},{}],"upsample":{"a":1}})");
+  EXPECT_EQ(OrderJson(JobKind::kSceneFlow, R"({"every":2})"), R"({"scene_flow":{"every":2}})");
+  EXPECT_EQ(FrameRenderJson("{}", R"({"stereo":{}})", true),
+            R"({"render":{"frame_format":"jpeg","stereo":{}},"upsample":{}})");
 }
 
 TEST(TaskProtocol, ProgressLines) {
@@ -186,7 +184,7 @@ TEST(Progress, IsMeasuredNeverInvented) {
   JobRecord job = {.state = JobState::kRunning};
   EXPECT_EQ(DescribeProgress(job, "", 2).stage, "prepare");
   EXPECT_EQ(DescribeProgress(job, "", 2).fraction, 0);
-  job.options.self_check = true;
+  job.facts.self_check = true;
   EXPECT_EQ(DescribeProgress(job, "", 2).stage, "self-check");
   job.self_check.emplace();
   EXPECT_EQ(DescribeProgress(job, "", 2).stage, "prepare");

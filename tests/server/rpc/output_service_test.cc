@@ -224,7 +224,7 @@ TEST_F(OutputServiceTest, WhatIsLostIsSaidToBeLost) {
 TEST_F(OutputServiceTest, SceneFlowJobsOfferTheirFormats) {
   v1::CreateJobRequest order;
   order.mutable_job()->set_sequence(ReadySequence().name());
-  order.mutable_job()->mutable_scene_flow_options()->add_formats(v1::SceneFlowOptions::FORMAT_KITTI);
+  order.mutable_job()->mutable_scene_flow_options()->add_formats("kitti");
   grpc::ClientContext create_context, list_context, stream_context;
   v1::Job job;
   ASSERT_THAT(jobs_stub().CreateJob(&create_context, order, &job), Succeeds());
@@ -586,12 +586,12 @@ TEST_F(OutputServiceTest, PicturesAreOutputsLikeOthers) {
   v1::CreateJobRequest create;
   create.mutable_job()->set_sequence(sequence.name());
   *create.mutable_job()->add_renders() = Render("dof");
-  create.mutable_job()->mutable_renders(0)->set_container(v1::RenderOptions::CONTAINER_MP4);
+  create.mutable_job()->mutable_renders(0)->set_container("mp4");
   grpc::ClientContext context;
   v1::Job job;
   ASSERT_THAT(jobs_stub().CreateJob(&context, create, &job), Succeeds());
   EXPECT_EQ(job.renders(0).depth_of_field().fstop(), 1.4);
-  EXPECT_EQ(job.renders(0).container(), v1::RenderOptions::CONTAINER_MP4);
+  EXPECT_EQ(job.renders(0).container(), "mp4");
   v1::StreamFramesRequest request = Request(job, "dof");
   request.set_follow(true);
   std::vector<Frame> frames;

@@ -1,4 +1,4 @@
-#include "client/cli/render_flags.h"
+#include "core/flags/render_flags.h"
 
 #include <gtest/gtest.h>
 
@@ -6,17 +6,17 @@
 #include <string>
 #include <vector>
 
-namespace depthtween::cli {
+namespace depthtween {
 namespace {
 
 // What the words of a command line come to.
-absl::StatusOr<std::vector<v1::RenderOptions>> Parse(std::vector<std::string> words) {
+absl::StatusOr<std::vector<nlohmann::json>> Parse(std::vector<std::string> words) {
   CLI::App app;
   RenderFlags flags;
   AddRenderFlags(app, flags);
   std::reverse(words.begin(), words.end());  // as CLI11 wants them
   app.parse(words);
-  return RendersOf(flags, v1::RenderOptions::CONTAINER_MKV);
+  return RendersOf(flags, "mkv");
 }
 
 TEST(RenderFlags, SayWhatTheServerIsAsked) {
@@ -24,17 +24,11 @@ TEST(RenderFlags, SayWhatTheServerIsAsked) {
                               "--stereo", "--format", "anaglyph-half-colour", "--no-floating-window"});
   ASSERT_TRUE(renders.ok()) << renders.status();
   ASSERT_EQ(renders->size(), 2U);
-  const v1::DepthOfField& dof = renders->at(0).depth_of_field();
-  EXPECT_EQ(dof.fstop(), 1.4);
-  EXPECT_FALSE(dof.has_focal_mm());  // unset is not zero: the server has its own default
-  EXPECT_EQ(dof.method(), v1::DepthOfField::METHOD_KRAUS);
-  ASSERT_EQ(dof.focus().keys().keys_size(), 2);
-  EXPECT_EQ(dof.focus().keys().keys(1).frame(), 60);
-  EXPECT_EQ(dof.focus().keys().keys(1).depth_m(), 4.0);
-  const v1::Stereo& stereo = renders->at(1).stereo();
-  EXPECT_EQ(stereo.format(), v1::Stereo::FORMAT_ANAGLYPH_HALF_COLOUR);
-  EXPECT_TRUE(stereo.has_floating_window() && !stereo.floating_window());
-  EXPECT_EQ(renders->at(1).container(), v1::RenderOptions::CONTAINER_MKV);
+  EXPECT_EQ(renders->at(0).dump(),
+            R"({"container":"mkv","depth_of_field":{"focus":{"keys":{"keys":[{"depth_m":1.2,"frame":0},)"
+            R"({"depth_m":4.0,"frame":60}]}},"fstop":1.4,"method":"kraus"}})");
+  EXPECT_EQ(renders->at(1).dump(),
+            R"({"container":"mkv","stereo":{"floating_window":false,"format":"anaglyph-half-colour"}})");
 }
 
 TEST(RenderFlags, NothingAskedIsNothingRendered) { EXPECT_TRUE(Parse({})->empty()); }
@@ -52,4 +46,4 @@ TEST(RenderFlags, RefuseWhatDoesNotRead) {
 }
 
 }  // namespace
-}  // namespace depthtween::cli
+}  // namespace depthtween
