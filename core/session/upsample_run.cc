@@ -14,6 +14,7 @@
 #include "core/io/file.h"
 #include "core/session/scene_flow_files.h"
 #include "core/session/write_queue.h"
+#include "core/upsample/causal.h"
 #include "core/upsample/pipeline.h"
 
 namespace depthtween {
@@ -37,7 +38,6 @@ auto ParseJson(std::string_view text, const char* what, Read read) -> decltype(r
   }
 }
 
-
 json IntervalToJson(const Interval& interval) {
   return {{"index", interval.index},
           {"first_frame", interval.first_frame},
@@ -53,9 +53,8 @@ absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& 
   ASSIGN_OR_RETURN(PipelineOptions pipeline, PipelineOptions::ForPreset(options.preset));
   for (const std::string& part : options.without) RETURN_IF_ERROR(pipeline.SwitchOff(part));
   for (const std::string& choice : options.literal) RETURN_IF_ERROR(pipeline.solver.TakeLiterally(choice));
-  pipeline.causal = options.causal;
   RETURN_IF_ERROR(pipeline.Validate());
-  return MakePipeline(pipeline);
+  return options.causal ? MakeCausalUpsampler(pipeline) : MakePipeline(pipeline);
 }
 
 absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options, std::stop_token stop,

@@ -420,12 +420,24 @@ class CausalRun {
   std::deque<Frame> last_;     // the ones before them, of this key
 };
 
+class CausalUpsampler : public Upsampler {
+ public:
+  explicit CausalUpsampler(const PipelineOptions& options) : options_(options) {}
+  std::string_view name() const override { return "ours"; }
+  absl::StatusOr<IntervalSummary> Run(const FrameSource& source, const ClipConstants& constants,
+                                      const Interval& interval, const RunContext& context,
+                                      const FrameSink& sink) const override {
+    return CausalRun(source, constants, interval, options_, context).Run(sink);
+  }
+
+ private:
+  const PipelineOptions options_;
+};
+
 }  // namespace
 
-absl::StatusOr<IntervalSummary> RunCausally(const FrameSource& source, const ClipConstants& constants,
-                                            const Interval& interval, const PipelineOptions& options,
-                                            const RunContext& context, const FrameSink& sink) {
-  return CausalRun(source, constants, interval, options, context).Run(sink);
+std::unique_ptr<Upsampler> MakeCausalUpsampler(const PipelineOptions& options) {
+  return std::make_unique<CausalUpsampler>(options);
 }
 
 }  // namespace depthtween

@@ -1,4 +1,4 @@
-// The pipeline's causal mode: depth for every colour frame from what had been seen by then, for low latency.
+// Causal mode: depth for every colour frame from what had been seen by then, for low latency.
 //
 // A frame knows the last key before it, the key before that, and the colour frames up to itself. Where a pixel lies in
 // the last key is chosen as in the pipeline, from one side; its depth there goes on as the surface moved in depth from
@@ -7,15 +7,18 @@
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_CAUSAL_H_
 #define DEPTHTWEEN_CORE_UPSAMPLE_CAUSAL_H_
 
+#include <memory>
+
 #include "core/upsample/pipeline.h"
+#include "core/upsample/upsampler.h"
 
 namespace depthtween {
 
-// Upsampler::Run of a pipeline with `options.causal`. No later colour or depth frame changes a bit of an earlier
-// frame's result as long as `constants` stay; those of EstimateClipConstants(source, /*noise_of_first_key=*/true) do.
-absl::StatusOr<IntervalSummary> RunCausally(const FrameSource& source, const ClipConstants& constants,
-                                            const Interval& interval, const PipelineOptions& options,
-                                            const RunContext& context, const FrameSink& sink);
+// `options` must be valid; of them sweeps, median_radius, settle_reach, flow_finest_scale, thin and witnesses mean what
+// they mean in the pipeline, the others have no meaning here. No later colour or depth frame changes a bit of an
+// earlier frame's result as long as the constants stay; those of EstimateClipConstants(source,
+// /*noise_of_first_key=*/true) do.
+std::unique_ptr<Upsampler> MakeCausalUpsampler(const PipelineOptions& options = {});
 
 }  // namespace depthtween
 

@@ -8,13 +8,10 @@
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_PIPELINE_H_
 #define DEPTHTWEEN_CORE_UPSAMPLE_PIPELINE_H_
 
-#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
-#include <vector>
 
-#include "core/options/upsample_options.h"
 #include "core/solve/solve.h"
 #include "core/upsample/silhouettes.h"
 #include "core/upsample/upsampler.h"
@@ -37,21 +34,12 @@ struct PipelineOptions {
   // the flows between neighbours and then refined: half the flows, and errors between 2 % lower and 8 % higher.
   bool follow = false;
   // Stages that one can do without, to learn what each is worth.
-  bool settle = true;   // keys by the depth frames before and after them, where the scene stood still
   bool recover = true;  // the motion of small, fast things that the flow between neighbours loses
   bool thin = true;     // the motion of thin things, which flow loses to what lies behind them
   bool draw = false;    // keys' surfaces moved and drawn as proposals: helps fast motion alone, so only "best" does
   bool solve = false;   // where they move to is solved for by all frames together; else composed flow says. Needs draw
   SolveOptions solver;
   bool witnesses = true;  // the frames on either side vote in the median too
-  // For fitting the weights of silhouettes: those of each pass, the last also of all passes after it, and a function
-  // that receives what a pass looks at before it decides, called from several threads; it may be empty.
-  std::vector<SilhouetteWeights> silhouette_weights{kSilhouetteWeights.begin(), kSilhouetteWeights.end()};
-  std::function<void(int color_index, int pass, const std::vector<SilhouettePixel>&)> on_silhouettes = nullptr;
-
-  // Looks at nothing later than the frame itself: causal.h. Has no keys to draw or frames to look ahead to; sweeps,
-  // median, settling and witnesses mean what they mean elsewhere.
-  bool causal = false;
 
   // InvalidArgument lists the presets if `name` is none of them.
   static absl::StatusOr<PipelineOptions> ForPreset(std::string_view name);
@@ -64,17 +52,10 @@ struct PipelineOptions {
   absl::Status Validate() const;
 };
 
-// A number among the options whose effect is worth knowing.
-struct PipelineParameter {
-  std::string_view name;
-  std::vector<double> studied;  // ascending, valid; the default preset's value is among them
-  double (*get)(const PipelineOptions& options);
-  void (*set)(PipelineOptions& options, double value);
-};
-const std::vector<PipelineParameter>& PipelineParameters();
-
-// `options` must be valid.
-std::unique_ptr<Upsampler> MakePipeline(const PipelineOptions& options = {});
+// `options` must be valid. `decide` settles the pixels beside silhouettes, in each pass; the default is what was
+// fitted.
+std::unique_ptr<Upsampler> MakePipeline(const PipelineOptions& options = {},
+                                        SilhouetteDecision decide = DecideSilhouettesAsFitted);
 
 }  // namespace depthtween
 

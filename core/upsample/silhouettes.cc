@@ -321,4 +321,9 @@ Image<uint8_t> SettleSilhouettes(const std::vector<SilhouettePixel>& pixels, con
   return changed;
 }
 
+Image<uint8_t> DecideSilhouettesAsFitted(int color_index, int pass, const std::vector<SilhouettePixel>& pixels,
+                                         ImageView<float> depth_m) {
+  return SettleSilhouettes(pixels, kSilhouetteWeights[std::min<size_t>(pass, kSilhouetteWeights.size() - 1)], depth_m);
+}
+
 }  // namespace depthtween

@@ -14,6 +14,7 @@
 #define DEPTHTWEEN_CORE_UPSAMPLE_SILHOUETTES_H_
 
 #include <array>
+#include <functional>
 #include <vector>
 
 #include "core/base/image.h"
@@ -81,6 +82,14 @@ std::vector<SilhouettePixel> LookAtSilhouettes(const SilhouetteInput& input);
 // Gives each pixel the depth that its evidence speaks for. Returns 1 where that is another than before.
 Image<uint8_t> SettleSilhouettes(const std::vector<SilhouettePixel>& pixels, const SilhouetteWeights& weights,
                                  ImageView<float> depth_m);
+
+// Decides the pixels of colour frame `color_index` (into Sequence::color) in pass 0, 1, ..., as SettleSilhouettes does.
+// Called from several threads.
+using SilhouetteDecision = std::function<Image<uint8_t>(
+    int color_index, int pass, const std::vector<SilhouettePixel>& pixels, ImageView<float> depth_m)>;
+// By kSilhouetteWeights.
+Image<uint8_t> DecideSilhouettesAsFitted(int color_index, int pass, const std::vector<SilhouettePixel>& pixels,
+                                         ImageView<float> depth_m);
 
 }  // namespace depthtween
 

@@ -18,15 +18,15 @@ class StageRunner {
  public:
   explicit StageRunner(const RunContext& context) : context_(context) {}
 
-  // Body: absl::Status(). Its seconds are added to the summary under `name`.
+  // Body: absl::Status() or absl::StatusOr<T>(), which is returned. Its seconds are added to the summary under `name`.
   template <typename Body>
-  absl::Status Stage(const char* name, const Body& body) {
+  auto Stage(const char* name, const Body& body) -> decltype(body()) {
     if (context_.stop.stop_requested()) return absl::CancelledError("stopped on request");
     if (context_.on_stage) context_.on_stage(name);
     const auto start = std::chrono::steady_clock::now();
-    absl::Status status = body();
+    auto made = body();
     summary_.stage_seconds[name] += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    return status;
+    return made;
   }
 
   // Body: absl::Status(int). Runs body(i) for count items side by side and returns the first error in item order.
@@ -39,6 +39,9 @@ class StageRunner {
     for (absl::Status& status : statuses) RETURN_IF_ERROR(std::move(status));
     return absl::OkStatus();
   }
+
+  int threads() const { return context_.threads; }
+  bool want_motion() const { return context_.want_motion; }
 
   IntervalSummary Complete(int frames) {
     summary_.termination = "complete";

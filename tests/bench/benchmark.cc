@@ -24,6 +24,7 @@
 #include "core/session/upsample_run.h"
 #include "core/synthetic/synthetic_sequence.h"
 #include "core/upsample/pipeline.h"
+#include "tests/bench/parameters.h"
 
 namespace depthtween {
 namespace {

@@ -1,4 +1,5 @@
 #include "tests/bench/benchmark.h"
+#include "tests/bench/parameters.h"
 
 #include <algorithm>
 #include <cstdlib>

@@ -39,11 +39,9 @@ absl::StatusOr<std::vector<Sample>> Collect(const std::string& scene, uint64_t s
   std::vector<Sample> samples;
   std::mutex mutex;
   const int collected = static_cast<int>(passes.size());
-  PipelineOptions options{.silhouette_passes = collected + 1};
-  options.silhouette_weights = passes;
-  options.silhouette_weights.push_back({});
-  options.on_silhouettes = [&](int color_index, int pass, const std::vector<SilhouettePixel>& pixels) {
-    if (pass != collected) return;
+  const SilhouetteDecision decide = [&](int color_index, int pass, const std::vector<SilhouettePixel>& pixels,
+                                        ImageView<float> depth_m) {
+    if (pass < collected) return SettleSilhouettes(pixels, passes[pass], depth_m);
     const Image<float> truth = clip->ColorView(color_index).Surface(1).depth_m.Clone();
     const std::lock_guard lock(mutex);
     for (const SilhouettePixel& pixel : pixels) {
@@ -51,13 +49,14 @@ absl::StatusOr<std::vector<Sample>> Collect(const std::string& scene, uint64_t s
       if (z > 0)
         samples.push_back({pixel, (pixel.near_m - z) * (pixel.near_m - z), (pixel.far_m - z) * (pixel.far_m - z)});
     }
+    return SettleSilhouettes(pixels, {}, depth_m);
   };
+  const auto pipeline = MakePipeline({.silhouette_passes = collected + 1}, decide);
   ASSIGN_OR_RETURN(const ClipConstants constants, EstimateClipConstants(*clip));
   const RunContext context{.threads = AvailableThreads()};
   for (const Interval& interval : PlanIntervals(clip->sequence()))
-    RETURN_IF_ERROR(MakePipeline(options)
-                        ->Run(*clip, constants, interval, context, [](DepthResult) { return absl::OkStatus(); })
-                        .status());
+    RETURN_IF_ERROR(
+        pipeline->Run(*clip, constants, interval, context, [](DepthResult) { return absl::OkStatus(); }).status());
   return samples;
 }
 

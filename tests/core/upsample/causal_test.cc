@@ -16,7 +16,7 @@ constexpr double kFocal = 90, kMiddleX = 47.5, kMiddleY = 35.5;
 
 std::vector<DepthResult> RunAll(const FrameSource& source, const ClipConstants& constants = {}, int threads = 2) {
   std::vector<DepthResult> results;
-  const auto pipeline = MakePipeline({.causal = true});
+  const auto pipeline = MakeCausalUpsampler();
   for (const Interval& interval : PlanIntervals(source.sequence())) {
     const auto summary = pipeline->Run(source, constants, interval, {.threads = threads}, [&](DepthResult result) {
       results.push_back(std::move(result));
@@ -186,7 +186,7 @@ TEST(Causal, BeatsHoldOnRenderedScenes) {
     ASSERT_TRUE(constants.ok());
     const auto hold = MakeBaseline("hold");
     ASSERT_TRUE(hold.ok());
-    const double causal_rmse = RmseM(*MakePipeline({.causal = true}), clip, *constants, Unfilled::kIsLeftOut);
+    const double causal_rmse = RmseM(*MakeCausalUpsampler(), clip, *constants, Unfilled::kIsLeftOut);
     const double hold_rmse = RmseM(**hold, clip, *constants, Unfilled::kIsLeftOut);
     RecordProperty(std::string(scene) + "_ratio", std::to_string(causal_rmse / hold_rmse));
     // 0.65 and 0.70; compilers' ways of rounding move the second by a hundredth.
