@@ -14,10 +14,9 @@
 #include <cstdint>
 #include <functional>
 #include <stop_token>
-#include <string>
 
 #include "core/base/status.h"
-#include "core/sequence/clock.h"
+#include "core/sequence/clock_estimate.h"
 #include "core/sequence/sequence.h"
 
 namespace depthtween {
@@ -35,21 +34,6 @@ struct SynchroniseOptions {
 
 // Fewer depth frames than this do not tell an offset from the chance of a few edges.
 inline constexpr int kMinSynchroniseKeys = 6;
-
-// What the images say. Sigmas are one standard deviation; -1 = unknown.
-struct ClockEstimate {
-  // Why there is nothing to go by, for people; empty if there is, and only then `model` is more than a guess.
-  std::string reason;
-  ClockModel model;  // reference: the first colour frame; drift 0 where the clip is too short to tell one
-  double offset_sigma_ns = -1.0;
-  double drift_sigma_ppm = -1.0;
-  double stamp_sigma_ns = -1.0;  // of a corrected stamp, where in the clip it is largest
-  // Each row of colour is exposed this much later, against depth, than the row above it. Not corrected.
-  double row_time_ns = 0.0;
-  double row_time_sigma_ns = -1.0;
-  int keys = 0;       // depth frames that were compared
-  int64_t edges = 0;  // pixels of their edges
-};
 
 // Stamps may be off by up to two periods of depth anywhere in the clip, and drift by 1 %. `source` must hold a valid
 // sequence. Errors: what the source returns; Cancelled when the token fires; InvalidArgument for options.

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 #include "core/io/violation_list.h"
 #include "core/sequence/sequence.h"
 

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/folder_parts.h"
 #include "core/io/frame_list.h"

@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/base/parallel.h"
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 #include "core/io/color.h"
 #include "core/io/file.h"
 #include "core/io/folder_parts.h"

@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stop_token>
-#include <string>
 
 #include "core/base/status.h"
 #include "core/capture/synchronise.h"
@@ -28,14 +27,8 @@ absl::StatusOr<ClipClock> DecideClock(const FrameSource& recording, const ClockC
                                       std::stop_token stop = {},
                                       const std::function<void(int done, int total)>& on_progress = nullptr);
 
-// An estimate in one sentence for people, such as "the depth clock is 4.0 ms ahead (+-0.1)..., gains 3012 ppm (+-20)".
-std::string Summary(const ClockEstimate& estimate);
-// The members with their units, "trusted" (no reason against it) and "summary".
-nlohmann::json ToJson(const ClockEstimate& estimate);
-
 nlohmann::json ToJson(const ClipClock& clock);
-// The field "clock" of a clip plan or report; the identity where there is none, as in results of earlier versions.
-// Throws nlohmann::json::exception if ToJson did not make it.
+// The field "clock" of a clip plan or report. Throws nlohmann::json::exception if ToJson did not make it.
 ClipClock ClockOf(const nlohmann::json& plan_or_report);
 
 // The recording with the stamps of its depth frames put right, where its stamps mean anything: on the colour camera's

@@ -143,7 +143,7 @@ absl::StatusOr<IntervalReport> ParseIntervalReport(std::string_view text) {
                           .summary = {.termination = value.at("termination").get<std::string>(),
                                       .frames = value.at("frames").get<int>(),
                                       .stage_seconds = value.at("stages").get<std::map<std::string, double>>()},
-                          .motion_frames = value.value("motion_frames", -1)};
+                          .motion_frames = value.at("motion_frames").get<int>()};
   });
 }
 
@@ -161,7 +161,7 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
                              .stop = stop,
                              .want_motion = options.NeedsMotion(),
                              .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
-    IntervalReport report{.index = i, .motion_frames = 0};
+    IntervalReport report{.index = i};
     const auto sink = [&](DepthResult result) -> absl::Status {
       if (stop.stop_requested()) return absl::CancelledError("stopped");
       const int frame = result.color_index;

@@ -58,7 +58,7 @@ struct IntervalReport {
   int index = -1;
   double seconds = 0.0;  // wall time, writing included; stages add "write", what was left to wait for
   IntervalSummary summary;
-  int motion_frames = -1;  // frames whose motion was written; -1: nobody counted
+  int motion_frames = 0;  // whose motion was written
 };
 
 nlohmann::json ToJson(const IntervalReport& report);

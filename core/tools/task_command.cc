@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "absl/strings/str_format.h"
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
 #include "core/session/render_run.h"
@@ -117,9 +117,6 @@ absl::Status ValidateTask(const Task& task) {
   std::cout << Dump({{"ok", check.ok()},
                      {"violations", violations},
                      {"warnings", check.warnings},
-                     {"width", sequence.camera.width},
-                     {"height", sequence.camera.height},
-                     {"depth_scale", sequence.depth_scale},
                      {"camera", CameraToJson(sequence.camera, sequence.depth_scale)},
                      {"color", FramesToJson(sequence.color)},
                      {"depth", FramesToJson(sequence.depth)},
@@ -238,7 +235,7 @@ absl::Status PlanTask(const Task& task) {
 }
 
 // Of a result that may still grow: what an interval has left is there when its report is, so a file of it that is
-// missing then is lost. Intervals of earlier versions did not count the frames that have motion.
+// missing then is lost.
 absl::Status WasMade(const std::string& result, const Sequence& sequence, const ClipPlan& clip, int frame,
                      bool motion) {
   const auto interval = std::find_if(clip.intervals.begin(), clip.intervals.end(), [&](const Interval& i) {

@@ -5,6 +5,7 @@
 #include <set>
 
 #include "absl/strings/str_format.h"
+#include "core/sequence/camera_json.h"
 #include "nlohmann/json.hpp"
 #include "server/store/error_info.h"
 #include "server/store/records_json.h"
@@ -35,37 +36,28 @@ absl::Status ToStatus(const json& value) {
   return absl::Status(code, message);
 }
 
-// Runs `read`, which may throw what nlohmann::json throws about missing members and wrong types.
+// `read` returns the value or an error, or throws what nlohmann::json throws about missing members and wrong types.
 template <typename T, typename Read>
 absl::StatusOr<T> ReadJson(std::string_view text, const Read& read) {
+  absl::StatusOr<T> value;
   try {
-    return read(json::parse(text));
+    value = read(json::parse(text));
   } catch (const json::exception& error) {
     return Disagreement(error.what());
   }
+  return value.ok() ? value : Disagreement(std::string(value.status().message()));
 }
 
-Recording ToRecording(const json& value) {
-  const json& camera = value.at("camera");
+absl::StatusOr<Recording> ToRecording(const json& value) {
+  ASSIGN_OR_RETURN(const CameraFile file, CameraFromJson(value.at("camera")));
   const json& color = value.at("color");
-  const auto term = [&camera](const char* name) { return camera.value(name, 0.0); };
-  return {.camera = {.width = camera.at("width"),
-                     .height = camera.at("height"),
-                     .fx = camera.at("fx"),
-                     .fy = camera.at("fy"),
-                     .cx = camera.at("cx"),
-                     .cy = camera.at("cy"),
-                     .k1 = term("k1"),
-                     .k2 = term("k2"),
-                     .p1 = term("p1"),
-                     .p2 = term("p2"),
-                     .k3 = term("k3")},
-          .depth_scale = value.at("depth_scale"),
-          .color_frame_count = static_cast<int>(color.size()),
-          .depth_frame_count = static_cast<int>(value.at("depth").size()),
-          .first_time_ns = color.at(0).at("time_ns"),
-          .last_time_ns = color.at(color.size() - 1).at("time_ns"),
-          .median_depth_m = value.at("median_depth_m")};
+  return Recording{.camera = file.camera,
+                   .depth_scale = file.depth_scale,
+                   .color_frame_count = static_cast<int>(color.size()),
+                   .depth_frame_count = static_cast<int>(value.at("depth").size()),
+                   .first_time_ns = color.at(0).at("time_ns"),
+                   .last_time_ns = color.at(color.size() - 1).at("time_ns"),
+                   .median_depth_m = value.at("median_depth_m")};
 }
 
 bool IsPlainName(const std::string& name) {
@@ -76,8 +68,7 @@ bool IsPlainName(const std::string& name) {
 constexpr size_t kMaxText = 2000;  // of what is written for people
 
 absl::StatusOr<JobPlan> CheckPlan(JobPlan plan) {
-  if (plan.clock_estimate &&
-      (plan.clock_estimate->summary.size() > kMaxText || plan.clock_estimate->reason.size() > kMaxText)) {
+  if (plan.clock_estimate && plan.clock_estimate->reason.size() > kMaxText) {
     return Disagreement("a clock with too much to say");
   }
   if (plan.intervals.empty()) return Disagreement("a plan without intervals");
@@ -180,8 +171,8 @@ absl::Status LostStatus(const ProgressLine::Lost& lost, std::string_view job_id,
       {.reason = "FILE_LOST", .metadata = {{"resource", sequence}, {"frame", absl::StrCat(lost.frame)}}});
 }
 
-int ParseMotionFrames(std::string_view text) {
-  return ReadJson<int>(text, [](const json& value) { return value.value("motion_frames", -1); }).value_or(-1);
+absl::StatusOr<int> ParseMotionFrames(std::string_view text) {
+  return ReadJson<int>(text, [](const json& value) { return value.at("motion_frames").get<int>(); });
 }
 
 absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view text, std::vector<RenderRecord> renders) {
@@ -212,13 +203,15 @@ absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view text
 }
 
 absl::StatusOr<ValidationResult> ParseValidation(std::string_view text) {
-  return ReadJson<ValidationResult>(text, [](const json& value) {
+  return ReadJson<ValidationResult>(text, [](const json& value) -> absl::StatusOr<ValidationResult> {
     ValidationResult result;
     result.warnings = value.at("warnings").get<std::vector<std::string>>();
     for (const json& violation : value.at("violations")) {
       result.violations.push_back({.file = violation.at("file"), .status = ToStatus(violation)});
     }
-    if (value.at("ok").get<bool>()) result.recording = ToRecording(value);
+    if (value.at("ok").get<bool>()) {
+      ASSIGN_OR_RETURN(result.recording, ToRecording(value));
+    }
     return result;
   });
 }
@@ -241,9 +234,8 @@ absl::StatusOr<SelfCheck> ReadSelfCheck(std::string_view text) {
 }
 
 absl::StatusOr<JobPlan> ParsePlan(std::string_view text) {
-  std::string estimate;
   ASSIGN_OR_RETURN(
-      JobPlan plan, ReadJson<JobPlan>(text, [&estimate](const json& value) {
+      JobPlan plan, ReadJson<JobPlan>(text, [](const json& value) {
         JobPlan read;
         for (const json& interval : value.at("intervals")) {
           read.intervals.push_back({.index = interval.at("index"),
@@ -254,17 +246,12 @@ absl::StatusOr<JobPlan> ParsePlan(std::string_view text) {
         for (const json& frame : value.at("frames")) {
           read.frames.push_back({.index = frame.at("index"), .time_ns = frame.at("time_ns"), .stem = frame.at("stem")});
         }
-        // Plans of earlier versions, whose depth may be taken over, have no clock.
+        // A plan of scene flow has no clock.
         if (value.contains("clock") && value.at("clock").contains("estimate")) {
-          estimate = value.at("clock").at("estimate").dump();
+          read.clock_estimate = ClockEstimateFromJson(value.at("clock").at("estimate"));
         }
         return read;
       }));
-  if (!estimate.empty()) {
-    absl::StatusOr<ClockEstimate> clock = ClockEstimateFromJson(estimate);
-    if (!clock.ok()) return Disagreement(std::string(clock.status().message()));
-    plan.clock_estimate = *std::move(clock);
-  }
   return CheckPlan(std::move(plan));
 }
 

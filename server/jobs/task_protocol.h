@@ -59,9 +59,9 @@ ProgressLine ParseProgressLine(std::string_view line);
 // FILE_LOST, as clients are to hear of it.
 absl::Status LostStatus(const ProgressLine::Lost& lost, std::string_view job_id, std::string_view sequence_id);
 
-// How many frames of an interval have motion, as it is in what `intervals` left beside their frames; -1 if that does
-// not say.
-int ParseMotionFrames(std::string_view json);
+// How many frames of an interval have motion, as `intervals` left it beside them. Internal if it is not what we agreed
+// on.
+absl::StatusOr<int> ParseMotionFrames(std::string_view json);
 
 // What `validate` printed. Internal if it is not what we agreed on.
 absl::StatusOr<ValidationResult> ParseValidation(std::string_view json);

@@ -165,7 +165,8 @@ absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
     if (!there) return FileOfJobLost(other, "report", interval.first_frame);
     // Not every frame has motion; how many do was counted.
     ASSIGN_OR_RETURN(const std::string counted, ReadWholeFile(to + report, kMaxAnswerBytes));
-    if (needs_motion && motion_frames < ParseMotionFrames(counted)) {
+    ASSIGN_OR_RETURN(const int moving, ParseMotionFrames(counted));
+    if (needs_motion && motion_frames < moving) {
       return FileOfJobLost(other, "motion", without_motion);
     }
   }

@@ -115,12 +115,12 @@ v1::Job::State Encode(JobState state) {
 
 v1::ClockEstimate Encode(const ClockEstimate& estimate) {
   v1::ClockEstimate message;
-  message.set_summary(estimate.summary);
+  message.set_summary(Summary(estimate));
   message.set_reason(estimate.reason);
-  message.set_reference_ns(estimate.reference_ns);
-  message.set_offset_ns(estimate.offset_ns);
+  message.set_reference_ns(estimate.model.reference_ns);
+  message.set_offset_ns(estimate.model.offset_ns);
   if (estimate.offset_sigma_ns >= 0) message.set_offset_sigma_ns(estimate.offset_sigma_ns);
-  message.set_drift_ppm(estimate.drift_ppm);
+  message.set_drift_ppm(estimate.model.drift_ppm);
   if (estimate.drift_sigma_ppm >= 0) message.set_drift_sigma_ppm(estimate.drift_sigma_ppm);
   if (estimate.stamp_sigma_ns >= 0) message.set_stamp_sigma_ns(estimate.stamp_sigma_ns);
   message.set_row_time_ns(estimate.row_time_ns);

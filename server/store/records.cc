@@ -1,9 +1,5 @@
 #include "server/store/records.h"
 
-#include <algorithm>
-#include <array>
-
-#include "absl/strings/escaping.h"
 #include "core/options/field_error.h"
 #include "core/options/upsample_options.h"
 #include "server/store/error_info.h"

@@ -14,6 +14,7 @@
 #include "core/base/status.h"
 #include "core/geometry/camera.h"
 #include "core/options/job_options.h"
+#include "core/sequence/clock_estimate.h"
 #include "core/sequence/self_check.h"
 
 namespace depthtween::server {
@@ -90,20 +91,6 @@ inline bool HasEnded(JobState state) {
 // "QUEUED" and so on: as filters, messages and logs say it.
 std::string_view ToString(SequenceState state);
 std::string_view ToString(JobState state);
-
-// The depth camera's clock, as depthtween-core measured it from the images. Sigmas are one standard deviation; -1 =
-// unknown.
-struct ClockEstimate {
-  std::string summary;  // in one sentence
-  std::string reason;   // why there is nothing to go by; empty if there is, and only then the rest is more than a guess
-  int64_t reference_ns = 0;
-  double offset_ns = 0.0, offset_sigma_ns = -1.0;  // the depth clock is ahead by, at reference_ns
-  double drift_ppm = 0.0, drift_sigma_ppm = -1.0;
-  double stamp_sigma_ns = -1.0;  // of a corrected stamp, at worst
-  double row_time_ns = 0.0, row_time_sigma_ns = -1.0;
-  int keys = 0;
-  int64_t edges = 0;
-};
 
 // A product that a job renders of every frame, as depthtween-core planned it from the options.
 struct RenderRecord {

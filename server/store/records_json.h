@@ -14,15 +14,13 @@ std::string ToJson(const Recording& recording);
 std::string ToJson(const ValidationResult& result);
 // Without what is done: that is counted elsewhere.
 std::string ToJson(const RenderRecord& render);
-// As `depthtween-core task prepare` writes it into a plan.
-std::string ToJson(const ClockEstimate& estimate);
 std::string ToJson(const ErrorInfo& info);
 
 // DataLoss for text that the functions above did not write.
 absl::StatusOr<Recording> RecordingFromJson(const std::string& text);
 absl::StatusOr<ValidationResult> ValidationResultFromJson(const std::string& text);
 absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text);
-absl::StatusOr<ClockEstimate> ClockEstimateFromJson(const std::string& text);
+absl::StatusOr<ClockEstimate> ReadClockEstimate(const std::string& text);
 absl::StatusOr<ErrorInfo> ErrorInfoFromJson(const std::string& text);
 
 }  // namespace depthtween::server

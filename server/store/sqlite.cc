@@ -3,6 +3,7 @@
 #include <cerrno>
 
 #include "absl/cleanup/cleanup.h"
+#include "absl/strings/str_format.h"
 #include "server/store/error_info.h"
 
 namespace depthtween::server {
@@ -81,6 +82,21 @@ absl::StatusOr<std::optional<int64_t>> Database::Number(const char* sql, const s
 absl::Status Database::RunScript(const std::string& sql) {
   return sqlite3_exec(connection_.get(), sql.c_str(), nullptr, nullptr, nullptr) == SQLITE_OK ? absl::OkStatus()
                                                                                               : Error("schema");
+}
+
+absl::Status Database::Migrate(const std::vector<std::string>& steps) {
+  return Transact([&]() -> absl::Status {
+    ASSIGN_OR_RETURN(const std::optional<int64_t> version, Number("PRAGMA user_version"));
+    if (*version > static_cast<int64_t>(steps.size())) {
+      return absl::FailedPreconditionError(
+          absl::StrFormat("the database has schema %d, this server knows %d: a newer version wrote it, run that one",
+                          *version, steps.size()));
+    }
+    for (size_t step = static_cast<size_t>(*version); step < steps.size(); ++step) {
+      RETURN_IF_ERROR(RunScript(steps[step]));
+    }
+    return RunScript(absl::StrCat("PRAGMA user_version = ", steps.size()));
+  });
 }
 
 void Database::RollBack() {

@@ -1,7 +1,5 @@
 // Jobs as their owners see them.
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
-#include "absl/strings/str_split.h"
 #include "server/store/error_info.h"
 #include "server/store/records_json.h"
 #include "server/store/sha256.h"
@@ -51,7 +49,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
     job.self_check = *std::move(check);
   }
   if (!row.IsNull(22)) {
-    ASSIGN_OR_RETURN(job.clock_estimate, ClockEstimateFromJson(row.Text(22)));
+    ASSIGN_OR_RETURN(job.clock_estimate, ReadClockEstimate(row.Text(22)));
   }
   if (!row.IsNull(23)) {
     ASSIGN_OR_RETURN(const ErrorInfo info, ErrorInfoFromJson(row.Text(23)));

@@ -20,25 +20,8 @@ namespace depthtween::server {
 
 absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, const Limits& limits) {
   ASSIGN_OR_RETURN(std::unique_ptr<Database> database, Database::Open(file));
-  auto store = std::make_unique<SqliteStore>(std::move(database), limits);
-  RETURN_IF_ERROR(WithContext(store->Migrate(), file));
-  return store;
-}
-
-absl::Status SqliteStore::Migrate() {
-  return Transact([this]() -> absl::Status {
-    ASSIGN_OR_RETURN(const std::optional<int64_t> version, database_->Number("PRAGMA user_version"));
-    const std::vector<std::string>& steps = SchemaSteps();
-    if (*version > static_cast<int64_t>(steps.size())) {
-      return absl::FailedPreconditionError(
-          absl::StrFormat("the database has schema %d, this server knows %d: a newer version wrote it, run that one",
-                          *version, steps.size()));
-    }
-    for (size_t step = static_cast<size_t>(*version); step < steps.size(); ++step) {
-      RETURN_IF_ERROR(database_->RunScript(steps[step]));
-    }
-    return database_->RunScript(absl::StrCat("PRAGMA user_version = ", steps.size()));
-  });
+  RETURN_IF_ERROR(WithContext(database->Migrate(SchemaSteps()), file));
+  return std::make_unique<SqliteStore>(std::move(database), limits);
 }
 
 absl::StatusOr<std::optional<std::string>> SqliteStore::MadeBefore(const std::string& scope,

@@ -20,9 +20,6 @@ class SqliteStore : public Store {
   SqliteStore(std::unique_ptr<Database> database, const Limits& limits)
       : database_(std::move(database)), limits_(limits) {}
 
-  // Brings the schema up to date.
-  absl::Status Migrate();
-
   absl::StatusOr<SequenceRecord> CreateSequence(std::string_view display_name, std::string_view request_id) override;
   absl::StatusOr<SequenceRecord> GetSequence(std::string_view id) override;
   absl::StatusOr<Page<SequenceRecord>> ListSequences(const SequenceFilter& filter, const PageRequest& page) override;

@@ -200,7 +200,7 @@ absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {
     RETURN_IF_ERROR(
         database_->Run("UPDATE jobs SET intervals_total = ?, frames_total = ?, clock_estimate = ? WHERE number = ?",
                        {plan.intervals.size(), plan.frames.size(),
-                        plan.clock_estimate ? SqlValue(ToJson(*plan.clock_estimate)) : nullptr, row.job}));
+                        plan.clock_estimate ? SqlValue(ToJson(*plan.clock_estimate).dump()) : nullptr, row.job}));
     if (plan.depth_done) {
       RETURN_IF_ERROR(database_->Run(
           "UPDATE jobs SET intervals_done = intervals_total, frames_done = frames_total WHERE number = ?", {row.job}));

@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/flow_png.h"
 #include "core/io/npz.h"

@@ -1,5 +1,5 @@
 // Any bytes as camera.json: a status, or a camera that is written and read to itself.
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 
 #include <cstdlib>
 

@@ -2,7 +2,7 @@
 
 #include <atomic>
 
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"

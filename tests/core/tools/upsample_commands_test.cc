@@ -344,7 +344,7 @@ TEST(TaskCommand, ValidatePrintsWhatIsWrongAndSucceeds) {
   ASSERT_EQ(good.exit_code, 0) << good.err;
   json answer = json::parse(good.out);
   EXPECT_EQ(answer.at("ok"), true);
-  EXPECT_EQ(answer.at("width"), 32);
+  EXPECT_EQ(answer.at("camera").at("width"), 32);
   EXPECT_EQ(answer.at("color").size(), 12U);
   EXPECT_EQ(answer.at("depth")[1], json({{"time_ns", 41'666'666}, {"path", "depth/000001.png"}}));
   EXPECT_NEAR(answer.at("median_depth_m").get<double>(), 2.1, 0.2);

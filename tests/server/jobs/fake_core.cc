@@ -96,7 +96,7 @@ void Validate() {
   Tell(R"({"checked":1,"of":2})");
   Tell("this is no JSON");
   const bool ok = script.count("invalid") == 0;
-  printf(R"({"ok":%s,"violations":[%s],"warnings":["fake"],"width":4,"height":3,"depth_scale":5000,
+  printf(R"({"ok":%s,"violations":[%s],"warnings":["fake"],
 "camera":{"width":4,"height":3,"fx":5,"fy":5,"cx":1.5,"cy":1,"depth_scale":5000},"median_depth_m":1.5,
 "color":[{"time_ns":10,"path":"rgb/0.png"},{"time_ns":20,"path":"rgb/1.png"}],"depth":[{"time_ns":10,"path":"depth/0.png"}]})",
          ok ? "true" : "false", ok ? "" : R"({"file":"depth/0.png","code":"DATA_LOSS","message":"cut short"})");
@@ -113,7 +113,7 @@ void Prepare(int intervals) {
     }
   }
   const bool estimate = ReadFile(options["--options"]).find(R"("clock":"estimate")") != std::string::npos;
-  const std::string clock = estimate ? R"(,"clock":{"estimate":{"summary":"4 ms ahead","reason":"","reference_ns":10,
+  const std::string clock = estimate ? R"(,"clock":{"estimate":{"reason":"","reference_ns":10,
 "offset_ns":4e6,"offset_sigma_ns":5e4,"drift_ppm":300,"drift_sigma_ppm":20,"stamp_sigma_ns":6e4,"row_time_ns":12000,
 "row_time_sigma_ns":-1,"keys":66,"edges":70000}})"
                                      : "";
@@ -174,7 +174,7 @@ void ComputeInterval(int interval) {
       WriteFile(out + "/motion/" + Stem(frame) + ".npz", "motion " + std::to_string(frame));
     }
   }
-  WriteFile(out + "/interval_" + Stem(interval) + ".json", script.count("moves") > 0 ? R"({"motion_frames":2})" : "{}");
+  WriteFile(out + "/interval_" + Stem(interval) + ".json", script.count("moves") > 0 ? R"({"motion_frames":2})" : R"({"motion_frames":0})");
   Append(sequence + "/log", "interval " + std::to_string(interval) + "\n");
   Tell(R"({"interval_done":)" + std::to_string(interval) + R"(,"seconds":0.25,"frames":2})");
 }

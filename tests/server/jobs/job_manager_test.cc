@@ -572,9 +572,9 @@ TEST_F(JobManagerTest, DepthThatIsTakenOverIsWhole) {
   // A job that kept no motion has none to lose.
   const std::string without = NewJobOn(sequence);
   ASSERT_EQ(Ended(without).record.state, JobState::kSucceeded);
-  WriteText(file(without, "interval_000000.json"), R"({"motion_frames":0})");
-  WriteText(file(without, "interval_000001.json"), "{}");
-  WriteText(file(without, "interval_000002.json"), R"({"motion_frames":-1})");
+  for (const char* const report : {"interval_000000.json", "interval_000001.json", "interval_000002.json"}) {
+    WriteText(file(without, report), R"({"motion_frames":0})");
+  }
   order.depth_from = without;
   const std::string poor = Take(jobs_->Create(order, "", false)).record.id;
   EXPECT_EQ(Ended(poor).record.state, JobState::kSucceeded) << View(poor).record.error;

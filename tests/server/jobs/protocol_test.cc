@@ -118,7 +118,7 @@ TEST(TaskProtocol, APlanTellsTheClock) {
   };
   EXPECT_FALSE(Take(plan("")).clock_estimate.has_value()) << "none was asked for";
   const ClockEstimate good = *Take(estimate("", "4e6")).clock_estimate;
-  EXPECT_EQ(good.offset_ns, 4e6);
+  EXPECT_EQ(good.model.offset_ns, 4e6);
   EXPECT_EQ(good.drift_sigma_ppm, -1);
   EXPECT_EQ(good.edges, 7);
   const auto is_refused = HasCode(absl::StatusCode::kInternal);

@@ -27,6 +27,24 @@ TEST(SqliteStore, SchemaIsBroughtUpToDateOnce) {
   EXPECT_EQ(Take(database->Number("PRAGMA user_version")), static_cast<int64_t>(SchemaSteps().size()));
 }
 
+// What a later version adds comes to a file that is in use, once, and its rows stay; a step that fails leaves the file
+// as it was.
+TEST(SqliteDatabase, MigratesWhatAnOlderVersionWrote) {
+  const TemporaryFolder folder;
+  const std::string first = "CREATE TABLE t (x INTEGER) STRICT", second = "ALTER TABLE t ADD COLUMN y INTEGER DEFAULT 7";
+  {
+    const auto database = Take(Database::Open(folder / "d.sqlite"));
+    EXPECT_THAT(database->Migrate({first}), IsOk());
+    EXPECT_THAT(database->Run("INSERT INTO t VALUES (5)"), IsOk());
+    EXPECT_THAT(database->Migrate({first, second, "no SQL"}), HasCode(absl::StatusCode::kInternal));
+    EXPECT_EQ(Take(database->Number("PRAGMA user_version")), 1);
+  }
+  const auto database = Take(Database::Open(folder / "d.sqlite"));
+  for (int starts = 0; starts < 2; ++starts) EXPECT_THAT(database->Migrate({first, second}), IsOk());
+  EXPECT_EQ(Take(database->Number("SELECT 10 * x + y FROM t")), 57);
+  EXPECT_EQ(Take(database->Number("PRAGMA user_version")), 2);
+}
+
 TEST(SqliteStore, RefusesTheFileOfANewerServer) {
   const TemporaryFolder folder;
   EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());

@@ -1,4 +1,4 @@
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 
 #include "tests/core/io/io_fixtures.h"
 

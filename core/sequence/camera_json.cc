@@ -1,4 +1,4 @@
-#include "core/io/camera_json.h"
+#include "core/sequence/camera_json.h"
 
 #include <algorithm>
 #include <cmath>
@@ -41,7 +41,7 @@ absl::Status ReadPixels(const json& object, const char* field, int& out) {
 }
 
 // Parses with exceptions, because they say where; remembers the field, which they do not.
-absl::StatusOr<json> ParseObject(std::string_view text) {
+absl::StatusOr<json> ParseText(std::string_view text) {
   std::string last_field;
   const auto where = [&] { return last_field.empty() ? "" : absl::StrCat(" at or after field ", last_field); };
   const auto remember_field = [&last_field](int, json::parse_event_t event, json& parsed) {
@@ -49,9 +49,7 @@ absl::StatusOr<json> ParseObject(std::string_view text) {
     return true;
   };
   try {
-    json object = json::parse(text, remember_field);
-    if (!object.is_object()) return absl::InvalidArgumentError("must be a JSON object");
-    return object;
+    return json::parse(text, remember_field);
   } catch (const json::parse_error& error) {
     const auto line = 1 + std::count(text.begin(), text.begin() + std::min(error.byte, text.size()), '\n');
     return absl::InvalidArgumentError(
@@ -64,7 +62,12 @@ absl::StatusOr<json> ParseObject(std::string_view text) {
 }  // namespace
 
 absl::StatusOr<CameraFile> ParseCameraJson(std::string_view text) {
-  ASSIGN_OR_RETURN(const json object, ParseObject(text));
+  ASSIGN_OR_RETURN(const json object, ParseText(text));
+  return CameraFromJson(object);
+}
+
+absl::StatusOr<CameraFile> CameraFromJson(const json& object) {
+  if (!object.is_object()) return absl::InvalidArgumentError("must be a JSON object");
   if (object.contains("depth_camera"))
     return absl::InvalidArgumentError(
         "depth_camera is given, but depth of a camera of its own cannot be aligned yet: register the depth images to "

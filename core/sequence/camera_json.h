@@ -1,6 +1,6 @@
-// camera.json of a sequence folder: `width height fx fy cx cy [k1 k2 p1 p2 k3] depth_scale`.
-#ifndef DEPTHTWEEN_CORE_IO_CAMERA_JSON_H_
-#define DEPTHTWEEN_CORE_IO_CAMERA_JSON_H_
+// A camera in JSON, as camera.json of a sequence folder has it and a server keeps it: `width height fx fy cx cy [k1 k2 p1 p2 k3] depth_scale`.
+#ifndef DEPTHTWEEN_CORE_SEQUENCE_CAMERA_JSON_H_
+#define DEPTHTWEEN_CORE_SEQUENCE_CAMERA_JSON_H_
 
 #include <nlohmann/json.hpp>
 #include <string>
@@ -20,6 +20,8 @@ struct CameraFile {
 // InvalidArgument names the field that is missing or not a number (NaN and infinity, which some writers put there, are
 // not JSON), and refuses a `depth_camera`: depth must be registered to colour. Fields it does not know are ignored.
 absl::StatusOr<CameraFile> ParseCameraJson(std::string_view text);
+// The same of JSON that was parsed already.
+absl::StatusOr<CameraFile> CameraFromJson(const nlohmann::json& object);
 
 // The inverse, to the last bit. Distortion is left out when there is none.
 nlohmann::json CameraToJson(const Camera& camera, double depth_scale);
@@ -27,4 +29,4 @@ std::string FormatCameraJson(const Camera& camera, double depth_scale);
 
 }  // namespace depthtween
 
-#endif  // DEPTHTWEEN_CORE_IO_CAMERA_JSON_H_
+#endif  // DEPTHTWEEN_CORE_SEQUENCE_CAMERA_JSON_H_
