@@ -157,8 +157,6 @@ class FetchState {
 };
 
 // "depth" of "jobs/7/outputs/depth".
-std::string LastPart(const std::string& name) { return name.substr(name.find_last_of('/') + 1); }
-
 absl::Status CheckName(const std::string& name) {
   if (IsPlainFileName(name)) return absl::OkStatus();
   return absl::DataLossError(absl::StrFormat("the server named a file '%s', which is not a plain file name", name));
@@ -170,10 +168,10 @@ absl::StatusOr<std::string> PlaceOf(const v1::Output& output) {
     RETURN_IF_ERROR(CheckName(output.file_name()));
     return output.file_name();
   }
-  // A server of an earlier version says nothing.
-  const std::string place = output.file_name().empty() ? LastPart(output.name()) : output.file_name();
-  for (const absl::string_view part : absl::StrSplit(place, '/')) RETURN_IF_ERROR(CheckName(std::string(part)));
-  return place;
+  for (const absl::string_view part : absl::StrSplit(output.file_name(), '/')) {
+    RETURN_IF_ERROR(CheckName(std::string(part)));
+  }
+  return output.file_name();
 }
 
 // The start_frame that continues after `frame`.

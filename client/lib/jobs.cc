@@ -2,7 +2,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/lib/backoff.h"
-#include "client/lib/sha256.h"
+#include "proto/depthtween/sha256.h"
 
 namespace depthtween::client {
 namespace {
@@ -41,7 +41,7 @@ void Apply(const v1::JobEvent& event, v1::Job& job) {
 // The same for the same order alone.
 std::string RequestId(const v1::Job& job) {
   Sha256 id;
-  id.Add(job.SerializeAsString());  // has no maps: the same order has the same bytes
+  id.Update(job.SerializeAsString());  // has no maps: the same order has the same bytes
   return Hex(id.Finish());
 }
 

@@ -17,7 +17,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "client/lib/sha256.h"
+#include "proto/depthtween/sha256.h"
 
 namespace depthtween::client {
 namespace {
@@ -113,18 +113,18 @@ absl::StatusOr<LocalSequence> FindSequence(const std::string& directory) {
 absl::Status HashFiles(LocalSequence& sequence, const std::function<void(int64_t bytes_done)>& on_bytes) {
   ConcatenatedFiles bytes(sequence.directory, sequence.files);
   Sha256 whole;
-  whole.Add(absl::StrCat(sequence.display_name, "\n"));
+  whole.Update(absl::StrCat(sequence.display_name, "\n"));
   int64_t offset = 0;
   for (LocalFile& file : sequence.files) {
     Sha256 hash;
     for (const int64_t end = offset + file.size_bytes; offset < end;) {
       ASSIGN_OR_RETURN(const std::string chunk, bytes.Read(offset, std::min(kReadBytes, end - offset)));
-      hash.Add(chunk);
+      hash.Update(chunk);
       offset += static_cast<int64_t>(chunk.size());
       if (on_bytes) on_bytes(offset);
     }
     file.sha256 = hash.Finish();
-    whole.Add(absl::StrCat(file.path, "\n", file.size_bytes, "\n", Hex(file.sha256), "\n"));
+    whole.Update(absl::StrCat(file.path, "\n", file.size_bytes, "\n", Hex(file.sha256), "\n"));
   }
   sequence.fingerprint = Hex(whole.Finish());
   return absl::OkStatus();

@@ -7,8 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/lib/backoff.h"
-#include "client/lib/sha256.h"
 #include "proto/depthtween/crc32c.h"
+#include "proto/depthtween/sha256.h"
 
 namespace depthtween::client {
 namespace {
@@ -36,7 +36,7 @@ class GroupUpload {
       announced.set_path(file.path);
       announced.set_size_bytes(file.size_bytes);
       announced.set_sha256(file.sha256);
-      id.Add(absl::StrCat(file.path, "\n", file.size_bytes, "\n", Hex(file.sha256), "\n"));
+      id.Update(absl::StrCat(file.path, "\n", file.size_bytes, "\n", Hex(file.sha256), "\n"));
     }
     request.mutable_upload()->set_size_bytes(bytes_.size_bytes());
     request.set_request_id(Hex(id.Finish()));

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "core/sequence/camera_json.h"
 #include "core/io/violation_list.h"
+#include "core/sequence/camera_json.h"
 #include "core/sequence/sequence.h"
 
 namespace depthtween {

@@ -5,13 +5,13 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "core/sequence/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/folder_parts.h"
 #include "core/io/frame_list.h"
 #include "core/io/npz.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
+#include "core/sequence/camera_json.h"
 
 namespace depthtween {
 namespace {

@@ -7,13 +7,13 @@
 
 #include "absl/strings/str_format.h"
 #include "core/base/parallel.h"
-#include "core/sequence/camera_json.h"
 #include "core/io/color.h"
 #include "core/io/file.h"
 #include "core/io/folder_parts.h"
 #include "core/io/frame_list.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
+#include "core/sequence/camera_json.h"
 
 namespace depthtween {
 namespace {

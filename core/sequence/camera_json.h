@@ -1,4 +1,5 @@
-// A camera in JSON, as camera.json of a sequence folder has it and a server keeps it: `width height fx fy cx cy [k1 k2 p1 p2 k3] depth_scale`.
+// A camera in JSON, as camera.json of a sequence folder has it and a server keeps it: `width height fx fy cx cy [k1 k2
+// p1 p2 k3] depth_scale`.
 #ifndef DEPTHTWEEN_CORE_SEQUENCE_CAMERA_JSON_H_
 #define DEPTHTWEEN_CORE_SEQUENCE_CAMERA_JSON_H_
 

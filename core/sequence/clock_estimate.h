@@ -1,6 +1,6 @@
-// How far the depth camera's clock is from the colour camera's, as it was measured (core/capture measures it): the value
-// as everybody has it who keeps or shows it, and its one form in JSON. It lies here, below all that computes, because a
-// server keeps it too.
+// How far the depth camera's clock is from the colour camera's, as it was measured (core/capture measures it): the
+// value as everybody has it who keeps or shows it, and its one form in JSON. It lies here, below all that computes,
+// because a server keeps it too.
 #ifndef DEPTHTWEEN_CORE_SEQUENCE_CLOCK_ESTIMATE_H_
 #define DEPTHTWEEN_CORE_SEQUENCE_CLOCK_ESTIMATE_H_
 
@@ -30,8 +30,8 @@ struct ClockEstimate {
 // In one sentence for people, such as "the depth camera's clock is 4.00 ms ahead ... and gains 3012 ppm (+-20 ppm)...".
 std::string Summary(const ClockEstimate& estimate);
 
-// The members with their units, "trusted" (no reason against it) and "summary". The field "clock.estimate" of clip plans
-// and of report.json, and what a server keeps.
+// The members with their units, "trusted" (no reason against it) and "summary". The field "clock.estimate" of clip
+// plans and of report.json, and what a server keeps.
 nlohmann::json ToJson(const ClockEstimate& estimate);
 // The inverse, to the last bit. Throws nlohmann::json::exception for JSON that ToJson did not make.
 ClockEstimate ClockEstimateFromJson(const nlohmann::json& estimate);

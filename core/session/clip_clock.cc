@@ -48,8 +48,8 @@ ClipClock ClockOf(const json& plan_or_report) {
                     .offset_ns = clock.at("offset_ns").get<double>(),
                     .drift_ppm = clock.at("drift_ppm").get<double>()},
           .color_per_depth = clock.at("color_per_depth").get<int>(),
-          .estimate = clock.contains("estimate") ? std::optional(ClockEstimateFromJson(clock.at("estimate")))
-                                                 : std::nullopt};
+          .estimate =
+              clock.contains("estimate") ? std::optional(ClockEstimateFromJson(clock.at("estimate"))) : std::nullopt};
 }
 
 Sequence ByStamps(const Sequence& recording, const ClipClock& clock) {

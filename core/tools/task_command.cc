@@ -14,9 +14,10 @@
 #include <vector>
 
 #include "absl/strings/str_format.h"
-#include "core/sequence/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
+#include "core/sequence/camera_json.h"
+#include "core/sequence/part_reports.h"
 #include "core/session/render_run.h"
 #include "core/session/scene_flow_files.h"
 #include "core/session/scene_flow_run.h"
@@ -45,14 +46,6 @@ struct Task {
 };
 
 std::string Dump(const json& value) { return value.dump(2, ' ', false, json::error_handler_t::replace) + "\n"; }
-
-std::string IntervalReportPath(const std::string& dir, int interval) {
-  return JoinPath(dir, absl::StrFormat("interval_%06d.json", interval));
-}
-
-std::string RenderPartPath(const std::string& dir, const std::string& render, int interval) {
-  return JoinPath(dir, absl::StrFormat("render_%s_%06d.json", render, interval));
-}
 
 std::string RenderPath(size_t index) { return absl::StrCat("renders[", index, "]"); }
 
@@ -161,7 +154,8 @@ class TaskObserver : public RunObserver {
   }
   void OnFrame(int interval, int frame) override { task_.progress.Send({{"frame", frame}, {"interval", interval}}); }
   absl::Status OnIntervalDone(const IntervalReport& report) override {
-    RETURN_IF_ERROR(WriteFileDurably(IntervalReportPath(task_.arguments.out, report.index), Dump(ToJson(report))));
+    RETURN_IF_ERROR(
+        WriteFileDurably(JoinPath(task_.arguments.out, IntervalReportName(report.index)), Dump(ToJson(report))));
     task_.progress.Send(
         {{"interval_done", report.index}, {"seconds", report.seconds}, {"frames", report.summary.frames}});
     return absl::OkStatus();
@@ -185,7 +179,7 @@ absl::Status PairsTask(const Task& task, const Input& input) {
     task.progress.Send({{"stage", "scene flow"}, {"interval", i}});
     ASSIGN_OR_RETURN(const ComputedPair computed,
                      ComputePair(*input.recording, pairs[i], *input.scene_flow, task.stop, arguments.out));
-    RETURN_IF_ERROR(WriteFileDurably(IntervalReportPath(arguments.out, i), Dump(ToJson(computed.summary))));
+    RETURN_IF_ERROR(WriteFileDurably(JoinPath(arguments.out, IntervalReportName(i)), Dump(ToJson(computed.summary))));
     task.progress.Send({{"interval_done", i}, {"seconds", computed.summary.seconds}, {"frames", 1}});
   }
   return absl::OkStatus();
@@ -196,7 +190,7 @@ absl::Status AssemblePairs(const Task& task, const Input& input) {
   ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(input.recording->sequence(), input.scene_flow->every));
   std::vector<PairSummary> summaries;
   for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {
-    ASSIGN_OR_RETURN(const std::string text, ReadFile(IntervalReportPath(out, i)));
+    ASSIGN_OR_RETURN(const std::string text, ReadFile(JoinPath(out, IntervalReportName(i))));
     ASSIGN_OR_RETURN(summaries.emplace_back(), ParsePairSummary(text));
   }
   std::vector<PicturedPair> pictured;
@@ -242,7 +236,7 @@ absl::Status WasMade(const std::string& result, const Sequence& sequence, const 
     return frame >= i.first_frame && frame < i.first_frame + i.frame_count;
   });
   if (interval == clip.intervals.end()) return absl::OkStatus();
-  const absl::StatusOr<std::string> text = ReadFile(IntervalReportPath(result, interval->index));
+  const absl::StatusOr<std::string> text = ReadFile(JoinPath(result, IntervalReportName(interval->index)));
   if (!text.ok()) return absl::OkStatus();
   const auto is_there = [&](const std::string& name) { return FileExists(JoinPath(result, name)); };
   if (!motion)
@@ -278,7 +272,8 @@ absl::Status RenderTask(const Task& task) {
   ASSIGN_OR_RETURN(const PictureFolders folders, PictureFolders::Create(arguments.out, *options, plan));
   // Where the pieces beside this one left the focus, if they are there.
   const auto read_part = [&](int interval) -> std::optional<RenderPart> {
-    const absl::StatusOr<std::string> text = ReadFile(RenderPartPath(arguments.result, options->name, interval));
+    const absl::StatusOr<std::string> text =
+        ReadFile(JoinPath(arguments.result, RenderReportName(options->name, interval)));
     if (!text.ok()) return std::nullopt;
     const absl::StatusOr<RenderPart> part = ParseRenderPart(*text);
     return part.ok() ? std::optional(*part) : std::nullopt;
@@ -300,7 +295,7 @@ absl::Status RenderTask(const Task& task) {
                      renderer->Run(interval.first_frame, interval.frame_count, before ? &*before : nullptr,
                                    input.options.threads, task.stop, sink));
     RETURN_IF_ERROR(queue.Finish());
-    RETURN_IF_ERROR(WriteFileDurably(RenderPartPath(arguments.out, options->name, i), Dump(ToJson(part))));
+    RETURN_IF_ERROR(WriteFileDurably(JoinPath(arguments.out, RenderReportName(options->name, i)), Dump(ToJson(part))));
     task.progress.Send({{"interval_done", i}, {"seconds", part.seconds}, {"frames", part.frames}});
     before = std::move(part);
   }
@@ -350,7 +345,7 @@ absl::StatusOr<json> AssembleRenders(const Task& task, const Input& input, const
     ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, source.sequence(), RenderPath(i)));
     std::vector<RenderPart> parts;
     for (const Interval& interval : clip.intervals) {
-      ASSIGN_OR_RETURN(const std::string text, ReadFile(RenderPartPath(dir, options.name, interval.index)));
+      ASSIGN_OR_RETURN(const std::string text, ReadFile(JoinPath(dir, RenderReportName(options.name, interval.index))));
       ASSIGN_OR_RETURN(parts.emplace_back(), ParseRenderPart(text));
     }
     task.progress.Send({{"stage", "assemble " + options.name}, {"interval", 0}});
@@ -372,7 +367,7 @@ absl::Status AssembleTask(const Task& task) {
   ASSIGN_OR_RETURN(const ClipPlan plan, ReadClipPlan(arguments, input));
   std::vector<IntervalReport> reports;
   for (const Interval& interval : plan.intervals) {
-    const std::string path = IntervalReportPath(arguments.out, interval.index);
+    const std::string path = JoinPath(arguments.out, IntervalReportName(interval.index));
     if (!FileExists(path)) continue;  // AssembleResult names what is missing
     ASSIGN_OR_RETURN(const std::string text, ReadFile(path));
     ASSIGN_OR_RETURN(reports.emplace_back(), ParseIntervalReport(text));

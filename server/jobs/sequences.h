@@ -13,9 +13,9 @@
 #include <vector>
 
 #include "core/base/status.h"
+#include "proto/depthtween/sha256.h"
 #include "server/store/blob_store.h"
 #include "server/store/limits.h"
-#include "server/store/sha256.h"
 #include "server/store/store.h"
 
 namespace depthtween::server {

@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
+#include "core/sequence/part_reports.h"
 #include "server/jobs/child_process.h"
 #include "server/jobs/files.h"
 #include "server/store/error_info.h"
@@ -38,8 +39,8 @@ bool WorthRetrying(absl::StatusCode code) {
 
 // What a task leaves beside the frames of an interval, for `assemble`.
 std::string PartReport(const Task& task, const JobRecord& job, int interval) {
-  if (task.kind != TaskKind::kRender) return absl::StrFormat("/interval_%06d.json", interval);
-  return absl::StrFormat("/render_%s_%06d.json", job.renders[task.render].name, interval);
+  return "/" + (task.kind == TaskKind::kRender ? RenderReportName(job.renders[task.render].name, interval)
+                                               : IntervalReportName(interval));
 }
 
 constexpr char kMotionFolder[] = "/motion/";

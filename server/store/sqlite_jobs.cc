@@ -1,8 +1,8 @@
 // Jobs as their owners see them.
 #include "absl/strings/str_format.h"
+#include "proto/depthtween/sha256.h"
 #include "server/store/error_info.h"
 #include "server/store/records_json.h"
-#include "server/store/sha256.h"
 #include "server/store/sqlite_store_impl.h"
 
 namespace depthtween::server {

@@ -4,10 +4,10 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_format.h"
+#include "proto/depthtween/sha256.h"
 #include "server/store/error_info.h"
 #include "server/store/path_rules.h"
 #include "server/store/records_json.h"
-#include "server/store/sha256.h"
 #include "server/store/sqlite_store_impl.h"
 
 namespace depthtween::server {

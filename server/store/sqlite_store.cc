@@ -11,9 +11,9 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "proto/depthtween/crc32c.h"
+#include "proto/depthtween/sha256.h"
 #include "server/store/error_info.h"
 #include "server/store/schema.h"
-#include "server/store/sha256.h"
 #include "server/store/sqlite_store_impl.h"
 
 namespace depthtween::server {

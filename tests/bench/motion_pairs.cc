@@ -7,13 +7,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "core/sequence/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/flow_png.h"
 #include "core/io/npz.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
 #include "core/sceneflow/pixel_rays.h"
+#include "core/sequence/camera_json.h"
 #include "core/sequence/sequence.h"
 
 namespace depthtween {

@@ -254,7 +254,7 @@ class FakeOutputs : public v1::OutputService::Service {
 
   static constexpr size_t kChunk = 16;
   std::vector<std::string> frames;
-  std::string frame_folder;        // empty: as an earlier server
+  std::string frame_folder = "depth";
   std::vector<std::string> stems;  // empty: frame0, frame1, ...
   int frames_ready = 0;
   std::set<int> lost_frames;

@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "client/lib/sha256.h"
 #include "tests/client/lib/temp_folder.h"
 
 namespace depthtween::client {
@@ -75,14 +74,6 @@ TEST(FindSequence, CopesWithNamesThatAreNoText) {
   const auto sequence = FindSequence(parent.path("a\xFF"));
   ASSERT_TRUE(sequence.ok()) << sequence.status();
   EXPECT_EQ(sequence->display_name, "a\\xff");
-}
-
-// FIPS 180-2, appendix B.1: the digest of "abc".
-TEST(Sha256, MatchesTheStandardsExample) {
-  Sha256 hash;
-  hash.Add("a");
-  hash.Add("bc");
-  EXPECT_EQ(Hex(hash.Finish()), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }
 
 // The same folder hashed twice is the same recording; one changed byte makes another.

@@ -2,10 +2,10 @@
 
 #include <atomic>
 
-#include "core/sequence/camera_json.h"
 #include "core/io/file.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
+#include "core/sequence/camera_json.h"
 #include "tests/core/io/io_fixtures.h"
 
 namespace depthtween {

@@ -174,7 +174,8 @@ void ComputeInterval(int interval) {
       WriteFile(out + "/motion/" + Stem(frame) + ".npz", "motion " + std::to_string(frame));
     }
   }
-  WriteFile(out + "/interval_" + Stem(interval) + ".json", script.count("moves") > 0 ? R"({"motion_frames":2})" : R"({"motion_frames":0})");
+  WriteFile(out + "/interval_" + Stem(interval) + ".json",
+            script.count("moves") > 0 ? R"({"motion_frames":2})" : R"({"motion_frames":0})");
   Append(sequence + "/log", "interval " + std::to_string(interval) + "\n");
   Tell(R"({"interval_done":)" + std::to_string(interval) + R"(,"seconds":0.25,"frames":2})");
 }

@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 
 #include "proto/depthtween/crc32c.h"
+#include "proto/depthtween/sha256.h"
 #include "server/store/error_info.h"
 #include "server/store/path_rules.h"
-#include "server/store/sha256.h"
 #include "tests/server/server_fixtures.h"
 
 namespace depthtween::server {
@@ -51,6 +51,7 @@ TEST(Crc32c, ExtendsAndAgreesWithItsDefinition) {
   }
 }
 
+// FIPS 180-2, appendix B.1: the digest of "abc".
 TEST(Sha256, MatchesFips180) {
   Sha256 hash;
   hash.Update("a");

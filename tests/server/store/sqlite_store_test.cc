@@ -31,7 +31,8 @@ TEST(SqliteStore, SchemaIsBroughtUpToDateOnce) {
 // as it was.
 TEST(SqliteDatabase, MigratesWhatAnOlderVersionWrote) {
   const TemporaryFolder folder;
-  const std::string first = "CREATE TABLE t (x INTEGER) STRICT", second = "ALTER TABLE t ADD COLUMN y INTEGER DEFAULT 7";
+  const std::string first = "CREATE TABLE t (x INTEGER) STRICT",
+                    second = "ALTER TABLE t ADD COLUMN y INTEGER DEFAULT 7";
   {
     const auto database = Take(Database::Open(folder / "d.sqlite"));
     EXPECT_THAT(database->Migrate({first}), IsOk());
