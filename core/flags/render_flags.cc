@@ -1,5 +1,6 @@
 #include "core/flags/render_flags.h"
 
+#include <cmath>
 #include <functional>
 
 #include "absl/strings/numbers.h"
@@ -17,9 +18,14 @@ using nlohmann::json;
 constexpr char kLens[] = "Depth of field";
 constexpr char kEyes[] = "Stereo";
 
+// JSON has no infinity and no NaN.
+bool ReadNumber(absl::string_view text, double* number) {
+  return absl::SimpleAtod(text, number) && std::isfinite(*number);
+}
+
 json ParseDepth(const std::string& flag, const std::string& text) {
   double depth_m = 0;
-  if (!absl::SimpleAtod(text, &depth_m)) throw CLI::ValidationError(flag, "must be a number of metres");
+  if (!ReadNumber(text, &depth_m)) throw CLI::ValidationError(flag, "must be a number of metres");
   return {{"depth_m", depth_m}};
 }
 
@@ -27,8 +33,8 @@ json ParsePixel(const std::string& flag, const std::string& text) {
   const std::vector<std::string> parts = absl::StrSplit(text, ',');
   int frame = 0;
   double x = 0, y = 0;
-  if (parts.size() != 3 || !absl::SimpleAtoi(parts[0], &frame) || !absl::SimpleAtod(parts[1], &x) ||
-      !absl::SimpleAtod(parts[2], &y))
+  if (parts.size() != 3 || !absl::SimpleAtoi(parts[0], &frame) || !ReadNumber(parts[1], &x) ||
+      !ReadNumber(parts[2], &y))
     throw CLI::ValidationError(flag, "must be FRAME,X,Y such as 0,320,240");
   return {{"frame", frame}, {"x", x}, {"y", y}};
 }
@@ -39,7 +45,7 @@ json ParseKeys(const std::string& flag, const std::string& text) {
     const std::vector<std::string> sides = absl::StrSplit(part, ':');
     int frame = 0;
     double depth_m = 0;
-    if (sides.size() != 2 || !absl::SimpleAtoi(sides[0], &frame) || !absl::SimpleAtod(sides[1], &depth_m))
+    if (sides.size() != 2 || !absl::SimpleAtoi(sides[0], &frame) || !ReadNumber(sides[1], &depth_m))
       throw CLI::ValidationError(flag, "must be FRAME:METRES,FRAME:METRES... such as 0:1.2,60:4");
     keys.push_back({{"frame", frame}, {"depth_m", depth_m}});
   }
@@ -110,6 +116,11 @@ absl::StatusOr<std::vector<json>> RendersOf(const RenderFlags& flags, const std:
     return absl::InvalidArgumentError("lens and focus are for --dof, which was not given");
   if (!flags.stereo && !flags.stereo_options.empty())
     return absl::InvalidArgumentError("baseline, format and the like are for --stereo, which was not given");
+  // A message holds one focus: of two, one would be lost without a word.
+  if (flags.dof_options.contains("focus") && flags.dof_options["focus"].size() > 1)
+    return absl::InvalidArgumentError(
+        "give one focus: one of --focus-depth, --focus-pixel, --focus-track and --focus-keys (--focus-easing is for "
+        "--focus-keys)");
   std::vector<json> renders;
   if (flags.dof) renders.push_back({{"depth_of_field", flags.dof_options}});
   if (flags.stereo) renders.push_back({{"stereo", flags.stereo_options}});

@@ -80,7 +80,7 @@ absl::StatusOr<json> FillDocument(const std::vector<OptionSpec>& specs, const js
     if (filled.contains(field)) continue;
     std::vector<std::string> known;
     for (const OptionSpec& spec : specs) known.push_back(spec.name);
-    return FieldError(absl::StrCat(path, ".", Shown(field)),
+    return FieldError(absl::StrCat(path, ".", field),
                       absl::StrCat("is not known: the options are ", absl::StrJoin(known, ", ")));
   }
   return filled;

@@ -1,3 +1,4 @@
+// Flags of renders. Expected documents are written by hand from core/session/render_options.h.
 #include "core/flags/render_flags.h"
 
 #include <gtest/gtest.h>
@@ -19,7 +20,7 @@ absl::StatusOr<std::vector<nlohmann::json>> Parse(std::vector<std::string> words
   return RendersOf(flags, "mkv");
 }
 
-TEST(RenderFlags, SayWhatTheServerIsAsked) {
+TEST(RenderFlags, WriteTheDocument) {
   const auto renders = Parse({"--dof", "--fstop", "1.4", "--focus-keys", "0:1.2,60:4", "--dof-method", "kraus",
                               "--stereo", "--format", "anaglyph-half-colour", "--no-floating-window"});
   ASSERT_TRUE(renders.ok()) << renders.status();
@@ -39,9 +40,18 @@ TEST(RenderFlags, RefuseOptionsOfWhatIsNotRendered) {
   EXPECT_TRUE(absl::IsInvalidArgument(Parse({"--dof", "--baseline", "0.06"}).status()));
 }
 
+// The document says one focus, the wire can carry no more: of two, one would be lost.
+TEST(RenderFlags, RefuseTwoFocuses) {
+  EXPECT_TRUE(absl::IsInvalidArgument(Parse({"--dof", "--focus-depth", "2", "--focus-pixel", "0,3,4"}).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(Parse({"--dof", "--focus-depth", "2", "--focus-easing", "linear"}).status()));
+  EXPECT_TRUE(Parse({"--dof", "--focus-easing", "linear", "--focus-keys", "0:1.2,60:4"}).ok());
+}
+
 TEST(RenderFlags, RefuseWhatDoesNotRead) {
   EXPECT_THROW(Parse({"--dof", "--focus-track", "0,320"}), CLI::ValidationError);
   EXPECT_THROW(Parse({"--dof", "--focus-keys", "0-1.2"}), CLI::ValidationError);
+  EXPECT_THROW(Parse({"--dof", "--focus-depth", "inf"}), CLI::ValidationError);  // JSON would have null for it
+  EXPECT_THROW(Parse({"--dof", "--fstop", "nan"}), CLI::ValidationError);
   EXPECT_THROW(Parse({"--stereo", "--format", "sideways"}), CLI::ValidationError);
 }
 

@@ -5,6 +5,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/options/render_option_list.h"
+
 namespace depthtween {
 namespace {
 
@@ -73,6 +75,25 @@ TEST(RenderOptions, EveryWrongValueNamesItsField) {
   EXPECT_EQ(WrongField(R"({"container":"mp4","depth_of_field":{}})", Clip(63, 48)), "renders[3].container");
   EXPECT_EQ(WrongField("{}"), "renders[3]");
   EXPECT_EQ(WrongField(R"({"stereo":{},"depth_of_field":{}})"), "renders[3]");
+}
+
+// Flags and help offer what the list says (core/options): the document must take each option, with each of its words.
+TEST(RenderOptions, TakeWhatTheListOffers) {
+  const auto expect_taken = [](const json& render) {
+    const auto options = ParseRender(render, "render");
+    EXPECT_TRUE(options.ok()) << options.status();
+  };
+  const auto expect_all_taken = [&](const std::string& product, const std::vector<OptionSpec>& specs) {
+    for (const OptionSpec& spec : specs) {
+      for (const std::string& word : spec.words) expect_taken({{product, {{spec.name, word}}}});
+      if (spec.words.empty()) expect_taken({{product, {{spec.name, 4}}}});  // within every range
+    }
+  };
+  expect_all_taken("depth_of_field", DepthOfFieldOptionSpecs());
+  expect_all_taken("stereo", StereoOptionSpecs());
+  for (const std::string& word : FrameFormatWords()) expect_taken({{"stereo", json::object()}, {"frame_format", word}});
+  for (const std::string& word : FocusEasingWords())
+    expect_taken({{"depth_of_field", {{"focus", {{"keys", {{"easing", word}}}}}}}});
 }
 
 TEST(RenderOptions, DefaultsAreThoseOfTheRenderers) {

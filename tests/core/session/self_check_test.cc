@@ -166,7 +166,8 @@ TEST(SelfCheck, StandsInTheReportOfEveryPath) {
   json expected = json::parse(ReadFile(scratch / "out/report.json").value());
   EXPECT_EQ(expected.at("options").at("self_check"), true);
 
-  ASSERT_EQ(WriteFile(scratch / "options.json", R"({"preset":"fast","self_check":true})"), absl::OkStatus());
+  ASSERT_EQ(WriteFile(scratch / "options.json", R"({"upsample":{"preset":"fast","self_check":true}})"),
+            absl::OkStatus());
   const auto task = [&](const std::string& step, const std::vector<std::string>& more) {
     std::vector<std::string> words = {
         "task", step, "--sequence", scratch / "recording", "--options", scratch / "options.json"};

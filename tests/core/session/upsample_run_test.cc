@@ -1,3 +1,4 @@
+// Upsampling a clip in steps: what passes between them, and in which order things are told.
 #include "core/session/upsample_run.h"
 
 #include <gmock/gmock.h>
@@ -5,10 +6,9 @@
 
 #include <atomic>
 
-#include "absl/strings/str_join.h"
-#include "core/session/render_options.h"
-#include "core/tools/upsample_flags.h"
-#include "core/upsample/pipeline.h"
+#include "core/options/job_options.h"
+#include "core/options/scene_flow_options.h"
+#include "core/session/scene_flow_files.h"
 #include "tests/core/tools/tool_process.h"
 
 namespace depthtween {
@@ -43,84 +43,15 @@ class Recorder : public RunObserver {
   std::vector<int> frames, intervals;
 };
 
-// The message must name the field, its value and the rule: a user mends the file by it.
-TEST(UpsampleOptions, WrongOnesAreNamed) {
-  const auto message = [](const char* json) { return std::string(ParseUpsampleOptions(json).status().message()); };
-  EXPECT_THAT(message(R"({"method":"magic"})"), HasSubstr("options.method = 'magic', must be one of: ours, hold"));
-  EXPECT_THAT(message(R"({"method":3})"), HasSubstr("options.method = 3, must be a string"));
-  EXPECT_THAT(message(R"({"key_every":0})"), HasSubstr("options.key_every = 0, must be at least 1"));
-  EXPECT_THAT(message(R"({"key_every":1.5})"), HasSubstr("options.key_every = 1.5, must be a whole number"));
-  EXPECT_THAT(message(R"({"key_every":4294967297})"), HasSubstr("options.key_every = 4294967297"));
-  EXPECT_THAT(message(R"({"threads":-1})"), HasSubstr("options.threads = -1, must be 1 to 1024"));
-  EXPECT_THAT(message(R"({"clock":"sundial"})"),
-              HasSubstr("options.clock 'sundial', must be stamps, index, estimate, or"));
-  EXPECT_THAT(message(R"({"clock":"1,2,3"})"), HasSubstr("options.clock "));
-  EXPECT_THAT(message(R"({"clock":"0,2e5"})"), HasSubstr("ClockModel.drift_ppm = 200000"));
-  EXPECT_THAT(message(R"({"thread":2})"), HasSubstr("options.thread is not known"));
-  EXPECT_THAT(message(R"({"preset":"turbo"})"),
-              HasSubstr("options.preset = 'turbo', must be one of: " + absl::StrJoin(PresetNames(), ", ")));
-  EXPECT_THAT(message(R"({"preset":1})"), HasSubstr("options.preset = 1, must be a string"));
-  EXPECT_THAT(message(R"({"without":["draw","luck"]})"),
-              HasSubstr("options.without has 'luck', must be some of: " + absl::StrJoin(PartNames(), ", ")));
-  EXPECT_THAT(message(R"({"without":"draw"})"), HasSubstr("options.without = \"draw\", must be a list of strings"));
-  EXPECT_THAT(message(R"({"preset":"reference","literal":["rigid","luck"]})"),
-              HasSubstr("options.literal has 'luck', must be some of: " + absl::StrJoin(LiteralNames(), ", ")));
-  EXPECT_THAT(message(R"({"preset":"best","literal":["rigid"]})"),
-              HasSubstr("options.literal is for preset 'reference' alone, and the preset is 'best'"));
-  EXPECT_THAT(message(R"({"literal":"rigid"})"), HasSubstr("options.literal = \"rigid\", must be a list of strings"));
-  EXPECT_THAT(message("[]"), HasSubstr("options: must be a JSON object"));
-  EXPECT_THAT(message("{"), HasSubstr("options: "));
-}
-
-// A server passes the field on to whoever ordered the job.
-TEST(UpsampleOptions, WrongOnesNameTheirFieldToPrograms) {
-  const auto field = [](const char* json) { return FieldOf(ParseUpsampleOptions(json).status()); };
-  EXPECT_EQ(field(R"({"preset":"turbo"})"), "options.preset");
-  EXPECT_EQ(field(R"({"without":["luck"]})"), "options.without");
-  EXPECT_EQ(field(R"({"clock":"sundial"})"), "options.clock");
-  EXPECT_EQ(field(R"({"thread":2})"), "options.thread");
-}
-
-// Baselines have neither presets nor stages: an option that would change nothing is a mistake.
-TEST(UpsampleOptions, PresetsAndPartsAreOursAlone) {
-  const auto message = [](const UpsampleOptions& options) { return std::string(options.Validate().message()); };
-  EXPECT_THAT(message({.method = "hold", .preset = "fast"}),
-              HasSubstr("options.preset is for method 'ours' alone, and the method is 'hold'"));
-  EXPECT_THAT(message({.method = "linear", .without = {"draw"}}), HasSubstr("options.without is for method 'ours'"));
-  EXPECT_THAT(message({.method = "linear", .self_check = true}), HasSubstr("options.self_check is for method 'ours'"));
-  EXPECT_THAT(message({.method = "linear", .causal = true}), HasSubstr("options.causal is for method 'ours'"));
-  EXPECT_EQ(message({.preset = "fast", .without = {"draw"}, .causal = true, .self_check = true}), "");
-}
-
+// Every word of the list must be known to what computes: a new one that is not would fail for its first user.
 TEST(UpsampleOptions, EveryPresetAndPartCanBeMade) {
   for (const std::string& preset : PresetNames()) {
     const auto upsampler = MakeUpsampler({.preset = preset, .without = PartNames()});
     ASSERT_TRUE(upsampler.ok()) << upsampler.status();
     EXPECT_EQ((*upsampler)->name(), "ours");
-    EXPECT_THAT(PresetHelp(), HasSubstr("\n  " + preset + " ")) << "--help says what each trades";
   }
-}
-
-TEST(UpsampleOptions, SurviveJson) {
-  const auto ours = ParseUpsampleOptions(
-      ToJson(UpsampleOptions{.preset = "fast", .without = {"draw", "median"}, .causal = true, .self_check = true})
-          .dump());
-  ASSERT_TRUE(ours.ok()) << ours.status();
-  EXPECT_EQ(ours->preset, "fast");
-  EXPECT_THAT(ours->without, ElementsAre("draw", "median"));
-  EXPECT_TRUE(ours->causal);
-  EXPECT_TRUE(ours->self_check);
-  const auto parsed =
-      ParseUpsampleOptions(ToJson(UpsampleOptions{.method = "linear", .key_every = 8, .threads = 3}).dump());
-  ASSERT_TRUE(parsed.ok()) << parsed.status();
-  EXPECT_EQ(parsed->method, "linear");
-  EXPECT_EQ(parsed->key_every, 8);
-  EXPECT_EQ(parsed->threads, 3);
-  const auto defaults = ParseUpsampleOptions("{}");
-  ASSERT_TRUE(defaults.ok()) << defaults.status();
-  EXPECT_EQ(defaults->method, "ours");
-  EXPECT_EQ(defaults->preset, "balanced");
-  EXPECT_TRUE(defaults->without.empty());
+  const auto literal = MakeUpsampler({.preset = "reference", .literal = LiteralNames()});
+  EXPECT_TRUE(literal.ok()) << literal.status();
 }
 
 TEST(UpsampleOptions, EveryMethodCanBeMade) {
@@ -129,6 +60,26 @@ TEST(UpsampleOptions, EveryMethodCanBeMade) {
     ASSERT_TRUE(upsampler.ok()) << upsampler.status();
     EXPECT_EQ((*upsampler)->name(), method);
   }
+}
+
+// A server lists and streams the files of a scene flow by what core/options says of their folders.
+TEST(SceneFlowFiles, LieWhereTheOptionsSay) {
+  const ScratchFolder out;
+  ASSERT_EQ(MakeSceneFlowFolders(out.path(), SceneFlowFormats()), absl::OkStatus());
+  const std::string document = ToJson(SceneFlowOrder{.formats = SceneFlowFormats()}).dump();
+  const auto facts = FactsOfJob(JobKind::kSceneFlow, document);
+  ASSERT_TRUE(facts.ok()) << facts.status();
+  const SceneFlow flow{.flow_px = Image<Flow2>(8, 6),
+                       .motion_m = Image<Float3>(8, 6),
+                       .depth_m = Image<float>(8, 6, 1.0F),
+                       .confidence = Image<float>(8, 6, 1.0F),
+                       .hidden = Image<uint8_t>(8, 6)};
+  ASSERT_EQ(WriteSceneFlow(out.path(), "stem", SceneFlowFormats(), TinySource()->sequence().camera, 0.1, flow),
+            absl::OkStatus());
+  std::vector<std::string> said, made;
+  for (const FrameFiles& files : facts->outputs) said.push_back(files.folder + "/stem." + files.extension);
+  for (const auto& [name, bytes] : FilesBelow(out.path())) made.push_back(name);
+  EXPECT_THAT(made, testing::UnorderedElementsAreArray(said));
 }
 
 // Constants that were stored must be the very doubles that were computed, or two processes would not give one result.

@@ -82,7 +82,7 @@ TEST(SceneFlowCommand, TasksGiveTheSameFiles) {
   const ScratchFolder scratch;
   WriteRecording(scratch / "in", 60);
   ASSERT_EQ(RunTool({"sceneflow", scratch / "in", "-o", scratch / "whole", "--format", "npz,flo"}).exit_code, 0);
-  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"threads": 2, "sceneflow": {"formats": ["npz", "flo"]}})").ok());
+  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"scene_flow": {"formats": ["npz", "flo"]}})").ok());
   const auto task = [&](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), "task");
     for (const std::string& word : {std::string("--sequence"), scratch / "in", std::string("--options"),
@@ -105,12 +105,12 @@ TEST(SceneFlowCommand, TasksGiveTheSameFiles) {
   const nlohmann::json report = nlohmann::json::parse(*ReadFile(scratch / "parts/report.json"));
   EXPECT_EQ(report["pairs"][1]["from"], "rgb/000001.jpg");
 
-  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"sceneflow": {"every": 3}})").ok());
+  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"scene_flow": {"every": 3}})").ok());
   const ToolResult too_few = task({"prepare"});
   EXPECT_EQ(too_few.exit_code, 1);
   EXPECT_THAT(too_few.err, HasSubstr("has 3 colour frames, must have at least 4"));
-  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"sceneflow": {"luck": 3}})").ok());
-  EXPECT_THAT(task({"prepare"}).err, HasSubstr("sceneflow.luck"));
+  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"scene_flow": {"luck": 3}})").ok());
+  EXPECT_THAT(task({"prepare"}).err, HasSubstr("scene_flow_options.luck"));
 }
 
 // Depth at half the rate: the refusal names the frames without depth and the mend; nothing is written.
@@ -124,7 +124,7 @@ TEST(SceneFlowCommand, NamesFramesWithoutDepth) {
   EXPECT_FALSE(FileExists(scratch / "out/report.json"));
 
   // As a server asks before it takes an order.
-  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"sceneflow":{"every":2}})").ok());
+  ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"scene_flow":{"every":2}})").ok());
   const std::vector<std::string> plan = {"task",       "plan",
                                          "--sequence", scratch / "in",
                                          "--options",  scratch / "options.json",

@@ -41,7 +41,7 @@ TaskFiles MakeTask(const ScratchFolder& scratch, const json& options) {
                   .options = scratch / "options.json",
                   .constants = scratch / "constants.json",
                   .out = scratch / "task_out"};
-  EXPECT_EQ(WriteFile(files.options, options.dump()), absl::OkStatus());
+  EXPECT_EQ(WriteFile(files.options, json({{"upsample", options}}).dump()), absl::OkStatus());
   return files;
 }
 
@@ -60,7 +60,7 @@ TEST_P(UpsampleCommands, TasksGiveTheBitsOfUpsample) {
   const ToolResult local = RunTool({"upsample", scratch / "recording", "-o", scratch / "out", "--method", GetParam()});
   ASSERT_EQ(local.exit_code, 0) << local.err;
 
-  const TaskFiles task = MakeTask(scratch, {{"method", GetParam()}, {"threads", 1}});
+  const TaskFiles task = MakeTask(scratch, {{"method", GetParam()}});
   ASSERT_EQ(task.Run("prepare").exit_code, 0);
   const json plan = json::parse(ReadFile(task.constants).value());
   const int intervals = static_cast<int>(plan.at("intervals").size());
