@@ -1,12 +1,12 @@
 #!/bin/bash
-# Judges the method by all its tables on everything at hand: builds depthtween-core and runs its benchmark on the
+# Judges the method by all its tables on everything at hand: builds depthtween-benchmark and runs it on the
 # library's scenes and, if a folder is named, on every sequence folder below it.
 #
 #   deploy/benchmark.sh [DATA] [REPORT] [OPTIONS...]
 #
 #   DATA     a folder of sequence folders (rgb.txt, depth.txt, camera.json), or none; default: none
 #   REPORT   where report.md, report.json, plots and strips go; default: benchmark-report
-#   OPTIONS  more for `depthtween-core benchmark`, such as --tables depth --baselines all
+#   OPTIONS  more for `depthtween-benchmark`, such as --tables depth --baselines all
 #
 # Asks nothing; may be run again. About 20 minutes on two free cores without DATA.
 set -euo pipefail
@@ -19,8 +19,8 @@ REPORT=$(realpath --canonicalize-missing "$REPORT")
 source "$(dirname "${BASH_SOURCE[0]}")/steps.sh"
 
 deploy/install-packages.sh build
-configure release
-build release depthtween-core
+configure bench
+build bench depthtween-benchmark
 
 SEQUENCES=()
 if [[ $DATA != none ]]; then
@@ -28,4 +28,4 @@ if [[ $DATA != none ]]; then
     < <(find "$DATA" -maxdepth 4 -name rgb.txt -print0 | sort -z)
   ((${#SEQUENCES[@]})) || { say "no sequence folder (rgb.txt) below $DATA"; exit 2; }
 fi
-build/release/bin/depthtween-core benchmark "${SEQUENCES[@]}" -o "$REPORT" "$@"
+build/bench/bin/depthtween-benchmark "${SEQUENCES[@]}" -o "$REPORT" "$@"

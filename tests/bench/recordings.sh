@@ -4,12 +4,12 @@
 #
 # Usage: tests/bench/recordings.sh [DATA] [BASELINES]
 #   DATA       folder with real/ and synthetic/ (default: $DEPTHTWEEN_DATA, else ../shared/data)
-#   BASELINES  as for `depthtween-core benchmark` (default: hold,linear,flow-warp)
-#   DEPTHTWEEN_CORE names the program (default: build/release/bin/depthtween-core)
+#   BASELINES  as for `depthtween-benchmark` (default: hold,linear,flow-warp)
+#   DEPTHTWEEN_BENCHMARK names the program (default: build/bench/bin/depthtween-benchmark, preset bench)
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 data=${1:-${DEPTHTWEEN_DATA:-../shared/data}}
-core=${DEPTHTWEEN_CORE:-build/release/bin/depthtween-core}
+benchmark=${DEPTHTWEEN_BENCHMARK:-build/bench/bin/depthtween-benchmark}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 sequences=()
@@ -20,5 +20,5 @@ for sequence in synthetic/dev_kick synthetic/dev_bounce synthetic/dev_flag real/
     echo "(${sequence%:*} is not here)" >&2
   fi
 done
-"$core" benchmark "${sequences[@]}" -o "$work" --tables depth --scenes none --baselines "${2:-hold,linear,flow-warp}" >&2
+"$benchmark" "${sequences[@]}" -o "$work" --tables depth --scenes none --baselines "${2:-hold,linear,flow-warp}" >&2
 grep -v '^!\[' "$work/report.md" | cat -s

@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
 # Speed and memory of the pipeline: seconds per 8-frame interval beside OpenCV's DIS flows in the same run (the time
-# table of `depthtween-core benchmark`, on `kick`), and the peak resident memory of `depthtween-core upsample` on clips of
+# table of `depthtween-benchmark`, on `kick`), and the peak resident memory of `depthtween-core upsample` on clips of
 # 4 and of 64 intervals.
 #
-# Usage: tests/bench/speed.sh [ROUNDS]      Builds into build/bench (release). About 5 minutes on 2 cores.
+# Usage: tests/bench/speed.sh [ROUNDS]      Builds into build/bench. About 5 minutes on 2 cores.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 rounds=${1:-7}
 build=build/bench
-cmake -S . -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEPTHTWEEN_RPC=OFF >/dev/null
-ninja -C "$build" depthtween-core >/dev/null
+cmake --preset bench >/dev/null
+ninja -C "$build" depthtween-core depthtween-benchmark >/dev/null
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-"$build/bin/depthtween-core" benchmark -o "$work/report" --tables time --scenes kick --rounds "$rounds" >/dev/null 2>&1
+"$build/bin/depthtween-benchmark" -o "$work/report" --tables time --scenes kick --rounds "$rounds" >/dev/null 2>&1
 grep -v '^!\[' "$work/report/report.md" | cat -s
 echo "| intervals | peak resident memory, MiB |"
 echo "|---|---|"

@@ -1,17 +1,17 @@
 #!/bin/bash
 # Writes tests/golden/scenes.json anew: what the current version scores on small renderings of the library's scenes.
 #
-#   tests/golden/update.sh [FOLDER_OF_PROGRAMS]      the default is build/release/bin
+#   tests/golden/update.sh [FOLDER_OF_PROGRAMS]      the default is build/bench/bin (preset bench)
 set -euo pipefail
 
-BIN=$(realpath "${1:-$(dirname "${BASH_SOURCE[0]}")/../../build/release/bin}")
+BIN=$(realpath "${1:-$(dirname "${BASH_SOURCE[0]}")/../../build/bench/bin}")
 HERE=$(realpath "$(dirname "${BASH_SOURCE[0]}")")
 readonly BIN HERE
 WORK=$(mktemp -d)
 readonly WORK
 trap 'rm -rf "$WORK"' EXIT
 
-"$BIN/depthtween-core" benchmark -o "$WORK" --tables depth --scenes all --baselines flow-warp --frames 17 --size 192x160
+"$BIN/depthtween-benchmark" -o "$WORK" --tables depth --scenes all --baselines flow-warp --frames 17 --size 192x160
 python3 - "$WORK/report.json" "$HERE/scenes.json" <<'PYTHON'
 import json
 import sys
