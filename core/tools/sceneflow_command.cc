@@ -1,6 +1,5 @@
 // depthtween-core sceneflow: metric 3-D motion of every pixel, from a recording with depth for every colour frame.
 #include <algorithm>
-#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -15,6 +14,7 @@
 #include "core/io/sequence_folder.h"
 #include "core/options/scene_flow_options.h"
 #include "core/options/upsample_options.h"
+#include "core/session/clear_output.h"
 #include "core/session/scene_flow_files.h"
 #include "core/session/scene_flow_run.h"
 #include "core/tools/commands.h"
@@ -24,8 +24,6 @@
 namespace depthtween::tools {
 namespace {
 
-namespace fs = std::filesystem;
-
 struct SceneFlowArguments {
   std::string sequence, out;
   nlohmann::json document = nlohmann::json::object();
@@ -33,31 +31,14 @@ struct SceneFlowArguments {
   bool json = false, force = false;
 };
 
-absl::Status ClearOutput(const SceneFlowArguments& arguments) {
-  std::error_code error;
-  const fs::path out = arguments.out;
-  if (!fs::exists(out, error) || (fs::is_directory(out, error) && fs::is_empty(out, error))) return absl::OkStatus();
-  if (!fs::is_directory(out, error)) return absl::InvalidArgumentError(absl::StrCat(arguments.out, " is not a folder"));
-  if (FileExists(JoinPath(arguments.out, "rgb.txt")))
-    return absl::InvalidArgumentError(absl::StrCat(
-        arguments.out, " holds a recording (rgb.txt), which a result must not be mixed with: name another folder"));
-  if (!arguments.force)
-    return absl::AlreadyExistsError(absl::StrCat(
-        arguments.out, " is not empty: name another folder, or use --force to replace an earlier result in it"));
-  for (const char* part : {"report.json", "preview.png", "sceneflow", "flow", "depth_change", "kitti"}) {
-    fs::remove_all(out / part, error);
-    if (error) return ErrnoStatus(error.value(), "removing " + (out / part).string());
-  }
-  return absl::OkStatus();
-}
-
 absl::Status RunSceneFlow(const SceneFlowArguments& arguments) {
   StopOnSignals signals;
   ASSIGN_OR_RETURN(SceneFlowOrder order, ParseSceneFlowOrder(arguments.document));
   order.threads = arguments.threads;
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
   ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(folder->sequence(), order.every));
-  RETURN_IF_ERROR(ClearOutput(arguments));
+  RETURN_IF_ERROR(ClearResult(arguments.out, arguments.force,
+                              {"report.json", "preview.png", "sceneflow", "flow", "depth_change", "kitti"}));
   RETURN_IF_ERROR(MakeSceneFlowFolders(arguments.out, order.formats));
   const int count = static_cast<int>(pairs.size());
   const std::vector<int> to_picture = PairsToPicture(count);

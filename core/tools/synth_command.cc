@@ -2,7 +2,6 @@
 #include <unistd.h>
 
 #include <chrono>
-#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <string>
@@ -10,6 +9,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/base/parallel.h"
+#include "core/session/clear_output.h"
 #include "core/synthetic/synthetic_sequence.h"
 #include "core/tools/commands.h"
 #include "core/tools/picture_size.h"
@@ -17,8 +17,6 @@
 
 namespace depthtween::tools {
 namespace {
-
-namespace fs = std::filesystem;
 
 struct SynthArguments {
   SyntheticOptions options;
@@ -49,24 +47,6 @@ class RenderCounter {
   std::chrono::steady_clock::time_point shown_ = std::chrono::steady_clock::now();
 };
 
-// Makes sure that `out` may be written to: new, empty, or with `force` an earlier recording, whose parts are removed so
-// that no frame of it survives among the new ones. Everything else in the folder stays.
-absl::Status ClearOutput(const std::string& out, bool force) {
-  std::error_code error;
-  if (!fs::exists(out, error) || (fs::is_directory(out, error) && fs::is_empty(out, error))) return absl::OkStatus();
-  if (!fs::is_directory(out, error)) return absl::InvalidArgumentError(absl::StrCat(out, " is not a folder"));
-  if (!force)
-    return absl::AlreadyExistsError(
-        absl::StrCat(out, " is not empty: name another folder, or use --force to replace the recording in it"));
-  for (const char* part :
-       {"rgb.txt", "depth.txt", "depth_clean.txt", "camera.json", "rgb", "depth", "depth_clean", "gt"}) {
-    const fs::path path = fs::path(out) / part;
-    fs::remove_all(path, error);
-    if (error) return ErrnoStatus(error.value(), "removing " + path.string());
-  }
-  return absl::OkStatus();
-}
-
 // The options as the library takes them. Everything wrong with them is said here, before anything is touched.
 absl::StatusOr<SyntheticOptions> ReadOptions(const SynthArguments& arguments) {
   SyntheticOptions options = arguments.options;
@@ -80,7 +60,9 @@ absl::StatusOr<SyntheticOptions> ReadOptions(const SynthArguments& arguments) {
 
 absl::Status Synth(const SynthArguments& arguments, const SyntheticOptions& options) {
   StopOnSignals signals;
-  RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
+  RETURN_IF_ERROR(
+      ClearOutput(arguments.out, arguments.force, "the recording",
+                  {"rgb.txt", "depth.txt", "depth_clean.txt", "camera.json", "rgb", "depth", "depth_clean", "gt"}));
 
   int frames = 0;
   {

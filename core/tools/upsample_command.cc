@@ -11,6 +11,7 @@
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
 #include "core/options/upsample_options.h"
+#include "core/session/clear_output.h"
 #include "core/session/upsample_run.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
@@ -29,28 +30,6 @@ struct UpsampleArguments {
   bool keep_motion = false, force = false;
 };
 
-// Makes sure that `out` may be written to: new, empty, or with `force` an earlier result, which is removed so that no
-// frame of it survives among the new ones. Everything else in the folder stays.
-absl::Status ClearOutput(const std::string& out, bool force) {
-  std::error_code error;
-  if (!fs::exists(out, error) || (fs::is_directory(out, error) && fs::is_empty(out, error))) return absl::OkStatus();
-  if (!fs::is_directory(out, error)) return absl::InvalidArgumentError(absl::StrCat(out, " is not a folder"));
-  // A result lists no colour; a folder that does is somebody's recording.
-  if (FileExists(JoinPath(out, "rgb.txt")))
-    return absl::InvalidArgumentError(
-        absl::StrCat(out, " holds a recording (rgb.txt), which a result must not be mixed with: name another folder"));
-  if (!force)
-    return absl::AlreadyExistsError(
-        absl::StrCat(out, " is not empty: name another folder, or use --force to replace an earlier result in it"));
-  for (const char* part :
-       {"report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance", "motion", "sceneflow"}) {
-    const fs::path path = fs::path(out) / part;
-    fs::remove_all(path, error);
-    if (error) return ErrnoStatus(error.value(), "removing " + path.string());
-  }
-  return absl::OkStatus();
-}
-
 absl::Status Upsample(const UpsampleArguments& arguments) {
   StopOnSignals signals;
   ASSIGN_OR_RETURN(UpsampleOptions options, ParseUpsampleOptions(arguments.document));
@@ -58,7 +37,9 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
   options.keep_motion = arguments.keep_motion;
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
-  RETURN_IF_ERROR(ClearOutput(arguments.out, arguments.force));
+  RETURN_IF_ERROR(ClearResult(
+      arguments.out, arguments.force,
+      {"report.json", "depth.txt", "camera.json", "depth", "uncertainty", "provenance", "motion", "sceneflow"}));
   ClipPlan plan;
   {
     CountLine counter("clock: took", "looks at frames");
