@@ -11,6 +11,7 @@
 #include "core/base/parallel.h"
 #include "core/baselines/frame_steps.h"
 #include "core/flow/dense_flow.h"
+#include "core/flow/one_opencv_thread.h"
 #include "opencv2/core.hpp"
 #include "opencv2/video/tracking.hpp"
 
@@ -28,6 +29,7 @@ absl::StatusOr<Image<Flow2>> DisMedium(const Image<uint8_t>& from, const Image<u
   const auto as_mat = [](const Image<uint8_t>& image) {
     return cv::Mat(image.height(), image.width(), CV_8UC1, const_cast<uint8_t*>(image.data()));  // only read
   };
+  const OneOpenCvThread one_thread;
   try {
     cv::Mat out;
     cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM)->calc(as_mat(from), as_mat(to), out);

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "core/flow/one_opencv_thread.h"
 #include "opencv2/core.hpp"
 #include "opencv2/video/tracking.hpp"
 
@@ -56,6 +57,7 @@ absl::StatusOr<Image<Flow2>> DenseFlow(ImageView<const uint8_t> from, ImageView<
                                                       from.width(), from.height(), to.width(), to.height()));
   Image<Flow2> flow = start != nullptr ? start->Clone() : Image<Flow2>(from.width(), from.height());
   if (from.width() < 16 || from.height() < 16) return flow;
+  const OneOpenCvThread one_thread;
   try {
     cv::DISOpticalFlow& dis = ThreadsOwnFlow(start != nullptr);
     dis.setFinestScale(options.finest_scale);

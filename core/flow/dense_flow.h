@@ -2,8 +2,8 @@
 //
 // Flow a->b at pixel x of frame a: x + flow(x) is where that surface point is seen in frame b. Pixels; see
 // base/image.h. Source: DIS (Kroeger et al., Fast Optical Flow using Dense Inverse Search, ECCV 2016), as OpenCV builds
-// it. OpenCV must run single-threaded (cv::setNumThreads(1)): callers run pairs side by side instead, which scales and
-// repeats bit for bit.
+// it, on one thread (one_opencv_thread.h): callers run pairs side by side instead, which scales and repeats bit for
+// bit.
 #ifndef DEPTHTWEEN_CORE_FLOW_DENSE_FLOW_H_
 #define DEPTHTWEEN_CORE_FLOW_DENSE_FLOW_H_
 

@@ -6,9 +6,9 @@
 #include <exception>
 #include <iostream>
 #include <new>
-#include <opencv2/core.hpp>
 #include <string>
 
+#include "core/flow/one_opencv_thread.h"
 #include "core/tools/commands.h"
 
 namespace depthtween::tools {
@@ -59,8 +59,7 @@ int RunProgram(int argc, const char* const* argv, const char* name, const char* 
         stderr);
     return kExitFailed;
   }
-  // Threads are shared out by our own loops, once; OpenCV dividing again inside each would only contend.
-  cv::setNumThreads(1);
+  const OneOpenCvThread one_thread;
   // Large blocks that are no images (those have memory of their own, core/base/image.h) go back to the system when
   // freed, instead of leaving holes in a heap that grows with the length of the clip.
   mallopt(M_MMAP_THRESHOLD, 64 * 1024);
