@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
+#include "core/api/make_upsampler.h"
 #include "core/baselines/baselines.h"
 #include "core/sequence/sequence.h"
 #include "core/session/clip_scoring.h"

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/api/make_upsampler.h"
 #include "core/io/file.h"
 #include "core/sequence/camera_json.h"
 #include "core/sequence/part_reports.h"

@@ -1,7 +1,5 @@
 #include "core/session/upsample_run.h"
 
-#include <malloc.h>
-
 #include <algorithm>
 #include <chrono>
 #include <map>
@@ -10,12 +8,9 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "core/baselines/baselines.h"
 #include "core/io/file.h"
 #include "core/session/scene_flow_files.h"
 #include "core/session/write_queue.h"
-#include "core/upsample/causal.h"
-#include "core/upsample/pipeline.h"
 
 namespace depthtween {
 namespace {
@@ -46,16 +41,6 @@ json IntervalToJson(const Interval& interval) {
 }
 
 }  // namespace
-
-absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options) {
-  RETURN_IF_ERROR(Validate(options));
-  if (options.method != "ours") return MakeBaseline(options.method);
-  ASSIGN_OR_RETURN(PipelineOptions pipeline, PipelineOptions::ForPreset(options.preset));
-  for (const std::string& part : options.without) RETURN_IF_ERROR(pipeline.SwitchOff(part));
-  for (const std::string& choice : options.literal) RETURN_IF_ERROR(pipeline.solver.TakeLiterally(choice));
-  RETURN_IF_ERROR(pipeline.Validate());
-  return options.causal ? MakeCausalUpsampler(pipeline) : MakePipeline(pipeline);
-}
 
 absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options, std::stop_token stop,
                                      const std::function<void(int, int)>& on_clock) {
@@ -175,8 +160,6 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
     report.seconds = SecondsSince(start);
     RETURN_IF_ERROR(observer.OnIntervalDone(report));
     reports.push_back(std::move(report));
-    // Fragments of one interval must not become the floor of the next: memory is that of an interval, not of a clip.
-    malloc_trim(0);
   }
   return reports;
 }

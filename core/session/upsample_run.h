@@ -22,9 +22,6 @@
 
 namespace depthtween {
 
-// The upsampler that `options.method` names.
-absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& options);
-
 // What is decided once per clip.
 struct ClipPlan {
   ClipConstants constants;

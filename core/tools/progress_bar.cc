@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
+#include "core/tools/freed_memory.h"
 
 namespace depthtween::tools {
 namespace {
@@ -84,6 +85,7 @@ absl::Status ProgressBar::OnIntervalDone(const IntervalReport&) {
   ++progress_.intervals_done;
   progress_.stage.clear();
   Show();
+  ReturnFreedMemory();
   return absl::OkStatus();
 }
 

@@ -9,6 +9,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_format.h"
+#include "core/api/make_upsampler.h"
 #include "core/base/parallel.h"
 #include "core/flags/option_flags.h"
 #include "core/flags/render_flags.h"

@@ -13,6 +13,7 @@
 #include "core/options/upsample_options.h"
 #include "core/session/tasks.h"
 #include "core/tools/commands.h"
+#include "core/tools/freed_memory.h"
 #include "core/tools/progress_pipe.h"
 #include "core/tools/signals.h"
 
@@ -34,7 +35,10 @@ int RunTask(const TaskArguments& arguments, int progress_fd, absl::Status (*run)
   ProgressPipe progress(progress_fd, [&] { signals.RequestStop(); });
   absl::Status status;
   try {
-    status = run({arguments, signals.token(), [&](const nlohmann::json& line) { progress.Send(line); }});
+    status = run({arguments, signals.token(), [&](const nlohmann::json& line) {
+                    progress.Send(line);
+                    if (line.contains("interval_done")) ReturnFreedMemory();
+                  }});
   } catch (const std::bad_alloc&) {
     status = absl::ResourceExhaustedError("the task ran out of memory");
   } catch (const std::exception& error) {

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/strings/str_format.h"
+#include "core/api/make_upsampler.h"
 #include "core/base/parallel.h"
 #include "core/flags/option_flags.h"
 #include "core/io/file.h"

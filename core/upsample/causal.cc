@@ -424,6 +424,7 @@ class CausalUpsampler : public Upsampler {
  public:
   explicit CausalUpsampler(const PipelineOptions& options) : options_(options) {}
   std::string_view name() const override { return "ours"; }
+  KeyReach reach() const override { return {.before = 1}; }  // depth goes on from the key before
   absl::StatusOr<IntervalSummary> Run(const FrameSource& source, const ClipConstants& constants,
                                       const Interval& interval, const RunContext& context,
                                       const FrameSink& sink) const override {

@@ -299,6 +299,8 @@ class Pipeline : public Upsampler {
  public:
   Pipeline(const PipelineOptions& options, SilhouetteDecision decide) : options_(options), decide_(std::move(decide)) {}
   std::string_view name() const override { return "ours"; }
+  // Witnesses of what stood still lie on both sides.
+  KeyReach reach() const override { return {options_.settle_reach, options_.settle_reach}; }
 
   absl::StatusOr<IntervalSummary> Run(const FrameSource& source, const ClipConstants& constants,
                                       const Interval& interval, const RunContext& context,

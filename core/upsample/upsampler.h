@@ -57,6 +57,11 @@ struct IntervalSummary {
   std::map<std::string, double> stage_seconds;  // wall seconds by stage name
 };
 
+// How many depth frames a run looks at before its interval's first key and after its second.
+struct KeyReach {
+  int before = 0, after = 0;
+};
+
 // Receives finished frames in time order, on the calling thread. An error stops the run and is returned by it.
 using FrameSink = std::function<absl::Status(DepthResult)>;
 
@@ -64,6 +69,7 @@ class Upsampler {
  public:
   virtual ~Upsampler() = default;
   virtual std::string_view name() const = 0;
+  virtual KeyReach reach() const { return {}; }
   // Frames of one interval of PlanIntervals(source.sequence()). Errors: what the source returns; Cancelled when
   // context.stop fires. Threads: safe to call concurrently.
   virtual absl::StatusOr<IntervalSummary> Run(const FrameSource& source, const ClipConstants& constants,

@@ -24,10 +24,12 @@ MODULES = {
     "core/upsample": ["core/solve", "core/raster"],
     "core/sceneflow": ["core/upsample"],
     "core/baselines": ["core/upsample"],
+    # The library's public header and what stands behind it.
+    "core/api": ["core/options", "core/baselines"],
     "core/metrics": ["core/sequence"],
     "core/synthetic": ["core/io"],
     "core/render": ["core/fill"],
-    "core/session": ["core/options", "core/capture", "core/sceneflow", "core/baselines", "core/metrics", "core/render", "core/io"],
+    "core/session": ["core/api", "core/capture", "core/sceneflow", "core/metrics", "core/render", "core/io"],
     "core/tools": ["core/session", "core/synthetic", "core/flags"],
     # Headers that both sides of the wire share; they know no generated type of ours.
     "proto/depthtween": [],
@@ -47,7 +49,7 @@ EXTERNAL = [
     ("protobuf", r"google/|depthtween/v1/", r"protobuf::|depthtween_proto", ["server/rpc", "client/lib", "client/cli", "proto/depthtween"]),
     ("SQLite", r"sqlite", r"SQLite", ["server/store"]),
     ("HTTP", r"boost/|curl/|httplib", r"Boost::|CURL::", []),
-    ("OpenCV", r"opencv2/", r"opencv_", ["core/flow", "core/baselines", "core/session", "core/tools"]),
+    ("OpenCV", r"opencv2/", r"opencv_", ["core/flow", "core/baselines", "core/api", "core/session"]),
     ("the codecs of libav", r"libav|libsw", r"PkgConfig::LIBAV", ["core/io"]),
     ("CLI11", r"CLI/", r"CLI11::", ["core/flags", "core/tools", "server", "client/cli"]),
     ("spdlog", r"spdlog/", r"spdlog::", ["server/telemetry", "server/rpc"]),

@@ -6,6 +6,7 @@
 
 #include <atomic>
 
+#include "core/api/make_upsampler.h"
 #include "core/options/job_options.h"
 #include "core/options/scene_flow_options.h"
 #include "core/session/scene_flow_files.h"

@@ -1,0 +1,22 @@
+# find_package(Depthtween) gives depthtween::core, for programs that include <depthtween/depthtween.h>.
+include(CMakeFindDependencyMacro)
+find_dependency(Threads)
+find_dependency(absl)
+find_dependency(TBB)
+if(NOT TARGET depthtween::dependencies)
+  add_library(depthtween::dependencies INTERFACE IMPORTED)
+  target_link_libraries(depthtween::dependencies INTERFACE
+    absl::status absl::statusor absl::strings absl::str_format TBB::tbb TBB::tbbmalloc Threads::Threads)
+  # By name, without OpenCVConfig.cmake: on Debian that comes with packages that the modules do not need.
+  foreach(MODULE core imgproc video)
+    find_library(Depthtween_OPENCV_${MODULE} opencv_${MODULE})
+    mark_as_advanced(Depthtween_OPENCV_${MODULE})
+    if(NOT Depthtween_OPENCV_${MODULE})
+      set(Depthtween_FOUND FALSE)
+      set(Depthtween_NOT_FOUND_MESSAGE "OpenCV's module ${MODULE} is missing (Debian: libopencv-${MODULE}-dev)")
+      return()
+    endif()
+    target_link_libraries(depthtween::dependencies INTERFACE ${Depthtween_OPENCV_${MODULE}})
+  endforeach()
+endif()
+include(${CMAKE_CURRENT_LIST_DIR}/DepthtweenTargets.cmake)

@@ -1,0 +1,43 @@
+# Truth: the example films a wall at 2 m, so each of its nine frames must say so; the package must ask nothing of those
+# who use it but its own headers.
+execute_process(COMMAND mktemp -d OUTPUT_VARIABLE ROOM OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+
+function(run)
+  execute_process(COMMAND ${ARGN} OUTPUT_VARIABLE OUTPUT ERROR_VARIABLE OUTPUT RESULT_VARIABLE RESULT)
+  if(NOT RESULT EQUAL 0)
+    fail("${ARGN}: ${RESULT}\n${OUTPUT}")
+  endif()
+  set(OUTPUT "${OUTPUT}" PARENT_SCOPE)
+endfunction()
+function(fail WHY)
+  file(REMOVE_RECURSE ${ROOM})
+  message(FATAL_ERROR "${WHY}")
+endfunction()
+
+run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${ROOM}/prefix)
+file(GLOB INSTALLED_PROGRAMS ${ROOM}/prefix/bin/*)
+list(LENGTH INSTALLED_PROGRAMS COUNT)
+if(NOT COUNT EQUAL PROGRAMS)
+  fail("installed programs: ${INSTALLED_PROGRAMS}, must be ${PROGRAMS}")
+endif()
+run(${ROOM}/prefix/bin/depthtween-core --version)
+
+file(GLOB_RECURSE EXPORTED ${ROOM}/prefix/*/cmake/Depthtween/*.cmake)
+foreach(FILE ${EXPORTED})
+  file(READ ${FILE} TEXT)
+  if(TEXT MATCHES "-Wall|-march|${BUILD}|INTERFACE_COMPILE_OPTIONS|INTERFACE_COMPILE_DEFINITIONS")
+    fail("${FILE} passes '${CMAKE_MATCH_0}' on to those who use the library")
+  endif()
+endforeach()
+
+file(COPY ${CMAKE_CURRENT_LIST_DIR}/example DESTINATION ${ROOM})
+run(${CMAKE_COMMAND} -G ${GENERATOR} -S ${ROOM}/example -B ${ROOM}/build -DCMAKE_CXX_COMPILER=${COMPILER}
+  -DCMAKE_PREFIX_PATH=${ROOM}/prefix)
+run(${CMAKE_COMMAND} --build ${ROOM}/build)
+run(${ROOM}/build/example)
+string(REGEX MATCHALL "0\\.0[0-9]+ s: (1\\.99|2\\.00)[0-9] m\n" FRAMES "${OUTPUT}")
+list(LENGTH FRAMES COUNT)
+if(NOT COUNT EQUAL 9)
+  fail("the example printed ${COUNT} frames at 2 m, must be 9:\n${OUTPUT}")
+endif()
+file(REMOVE_RECURSE ${ROOM})
