@@ -1,14 +1,8 @@
 #include "server/rpc/encode.h"
 
-#include <algorithm>
-#include <utility>
 #include <vector>
 
-#include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
 #include "proto/depthtween/documents.h"
 #include "server/rpc/status.h"
 #include "server/store/error_info.h"
@@ -16,70 +10,9 @@
 namespace depthtween::server {
 namespace {
 
-constexpr int kDefaultPageSize = 50;
 constexpr int kMaxRenders = 16;
 
 absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
-
-bool IsId(absl::string_view id) {
-  return !id.empty() && id.size() <= 64 && std::all_of(id.begin(), id.end(), [](unsigned char c) {
-    return absl::ascii_isalnum(c) || c == '-' || c == '_';
-  });
-}
-
-// The ids in a name of the form "<collection>/<id>/<collection>/<id>"...
-absl::StatusOr<std::vector<std::string>> ParseName(std::string_view field, std::string_view name,
-                                                   const std::vector<absl::string_view>& collections,
-                                                   absl::string_view form) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(View(name), '/');
-  std::vector<std::string> ids;
-  bool matches = parts.size() == 2 * collections.size();
-  for (size_t i = 0; matches && i < collections.size(); ++i) {
-    matches = parts[2 * i] == collections[i] && IsId(parts[2 * i + 1]);
-    ids.emplace_back(parts[2 * i + 1]);
-  }
-  if (!matches) {
-    return InvalidField(field, absl::StrCat("= \"", absl::CHexEscape(View(name.substr(0, 200))), "\", must be ", form));
-  }
-  return ids;
-}
-
-struct Condition {
-  std::string field, value;
-};
-
-absl::StatusOr<std::vector<Condition>> ParseFilter(std::string_view filter) {
-  std::vector<Condition> conditions;
-  if (absl::StripAsciiWhitespace(View(filter)).empty()) return conditions;
-  for (const absl::string_view part : absl::StrSplit(View(filter), " AND ")) {
-    const std::vector<absl::string_view> sides = absl::StrSplit(part, absl::MaxSplits('=', 1));
-    if (sides.size() != 2) {
-      return InvalidField("filter", absl::StrCat("has \"", absl::CHexEscape(absl::StripAsciiWhitespace(part)),
-                                                 "\", must be conditions such as state = READY, joined by AND"));
-    }
-    absl::string_view value = absl::StripAsciiWhitespace(sides[1]);
-    if (value.size() >= 2 && value.front() == '"' && value.back() == '"') value = value.substr(1, value.size() - 2);
-    conditions.push_back({std::string(absl::StripAsciiWhitespace(sides[0])), std::string(value)});
-  }
-  return conditions;
-}
-
-absl::Status UnknownFilterField(const Condition& condition, absl::string_view known) {
-  return InvalidField("filter",
-                      absl::StrCat("asks for \"", absl::CHexEscape(condition.field), "\", must be about ", known));
-}
-
-template <typename State>
-absl::StatusOr<State> ParseState(const Condition& condition, std::initializer_list<State> states) {
-  std::string known;
-  for (const State state : states) {
-    const std::string_view name = ToString(state);
-    if (condition.value == name) return state;
-    absl::StrAppend(&known, known.empty() ? "" : ", ", View(name));
-  }
-  return InvalidField("filter",
-                      absl::StrCat("asks for state = ", absl::CHexEscape(condition.value), ", must be one of ", known));
-}
 
 v1::Sequence::State Encode(SequenceState state) {
   switch (state) {
@@ -182,37 +115,6 @@ absl::StatusOr<std::string> OptionsDocument(const std::string& field, const goog
   return InvalidField(field, absl::StrCat("takes ", document.size(), " bytes as JSON, must take at most ", kMaxBytes));
 }
 
-std::string SequenceName(std::string_view id) { return absl::StrCat("sequences/", View(id)); }
-std::string UploadName(std::string_view sequence_id, std::string_view upload_id) {
-  return absl::StrCat("sequences/", View(sequence_id), "/uploads/", View(upload_id));
-}
-std::string JobName(std::string_view id) { return absl::StrCat("jobs/", View(id)); }
-std::string OutputName(std::string_view job_id, std::string_view output_id) {
-  return absl::StrCat("jobs/", View(job_id), "/outputs/", View(output_id));
-}
-
-absl::StatusOr<std::string> ParseSequenceName(std::string_view field, std::string_view name) {
-  ASSIGN_OR_RETURN(const std::vector<std::string> ids, ParseName(field, name, {"sequences"}, "sequences/{sequence}"));
-  return ids[0];
-}
-
-absl::StatusOr<std::string> ParseJobName(std::string_view field, std::string_view name) {
-  ASSIGN_OR_RETURN(const std::vector<std::string> ids, ParseName(field, name, {"jobs"}, "jobs/{job}"));
-  return ids[0];
-}
-
-absl::StatusOr<UploadIds> ParseUploadName(std::string_view field, std::string_view name) {
-  ASSIGN_OR_RETURN(const std::vector<std::string> ids,
-                   ParseName(field, name, {"sequences", "uploads"}, "sequences/{sequence}/uploads/{upload}"));
-  return UploadIds{ids[0], ids[1]};
-}
-
-absl::StatusOr<OutputIds> ParseOutputName(std::string_view field, std::string_view name) {
-  ASSIGN_OR_RETURN(const std::vector<std::string> ids,
-                   ParseName(field, name, {"jobs", "outputs"}, "jobs/{job}/outputs/{output}"));
-  return OutputIds{ids[0], ids[1]};
-}
-
 absl::StatusOr<OutputSpec> FindOutput(const JobRecord& job, std::string_view output_id) {
   std::string known;
   for (const OutputSpec& output : OutputsOf(job)) {
@@ -222,40 +124,6 @@ absl::StatusOr<OutputSpec> FindOutput(const JobRecord& job, std::string_view out
   return WithErrorInfo(
       absl::NotFoundError(absl::StrCat("there is no output \"", View(output_id), "\"; this job has: ", known)),
       {.reason = "NO_SUCH_RESOURCE", .metadata = {{"resource", OutputName(job.id, output_id)}}});
-}
-
-absl::StatusOr<SequenceFilter> ParseSequenceFilter(std::string_view filter) {
-  ASSIGN_OR_RETURN(const std::vector<Condition> conditions, ParseFilter(filter));
-  SequenceFilter result;
-  for (const Condition& condition : conditions) {
-    if (condition.field != "state") return UnknownFilterField(condition, "state");
-    ASSIGN_OR_RETURN(result.state, ParseState(condition, {SequenceState::kUploading, SequenceState::kValidating,
-                                                          SequenceState::kReady, SequenceState::kInvalid}));
-  }
-  return result;
-}
-
-absl::StatusOr<JobFilter> ParseJobFilter(std::string_view filter) {
-  ASSIGN_OR_RETURN(const std::vector<Condition> conditions, ParseFilter(filter));
-  JobFilter result;
-  for (const Condition& condition : conditions) {
-    if (condition.field == "state") {
-      ASSIGN_OR_RETURN(result.state,
-                       ParseState(condition, {JobState::kQueued, JobState::kRunning, JobState::kCancelling,
-                                              JobState::kSucceeded, JobState::kFailed, JobState::kCancelled}));
-    } else if (condition.field == "sequence") {
-      ASSIGN_OR_RETURN(result.sequence_id, ParseSequenceName("filter: sequence", condition.value));
-    } else {
-      return UnknownFilterField(condition, "state or sequence");
-    }
-  }
-  return result;
-}
-
-absl::StatusOr<PageRequest> ParsePage(int page_size, std::string_view page_token, int max_size) {
-  if (page_size < 0) return InvalidField("page_size", absl::StrCat("= ", page_size, ", must be >= 0"));
-  return PageRequest{.size = page_size == 0 ? kDefaultPageSize : std::min(page_size, max_size),
-                     .token = std::string(page_token)};
 }
 
 absl::StatusOr<NewJob> Decode(const v1::Job& job) {

@@ -1,4 +1,4 @@
-// Messages <-> values: resource names, records, and the small languages inside strings.
+// Messages <-> values.
 //
 // Decoding errors are InvalidArgument (BAD_FIELD) that name the field of the request.
 #ifndef DEPTHTWEEN_SERVER_RPC_ENCODE_H_
@@ -17,39 +17,17 @@
 #include "depthtween/v1/types.pb.h"
 #include "google/protobuf/timestamp.pb.h"
 #include "server/jobs/job_manager.h"
+#include "server/store/list_request.h"
 #include "server/store/records.h"
+#include "server/store/resource_names.h"
 #include "server/store/store.h"
 
 namespace depthtween::server {
 
-// ---- names ----
-// `field` is where the request has the name. Ids are as long as the store likes, but only letters, digits, "-" and "_".
-
-std::string SequenceName(std::string_view id);
-std::string UploadName(std::string_view sequence_id, std::string_view upload_id);
-std::string JobName(std::string_view id);
-std::string OutputName(std::string_view job_id, std::string_view output_id);
-
-absl::StatusOr<std::string> ParseSequenceName(std::string_view field, std::string_view name);
-absl::StatusOr<std::string> ParseJobName(std::string_view field, std::string_view name);
-struct UploadIds {
-  std::string sequence_id, upload_id;
-};
-absl::StatusOr<UploadIds> ParseUploadName(std::string_view field, std::string_view name);
-struct OutputIds {
-  std::string job_id, output_id;
-};
-absl::StatusOr<OutputIds> ParseOutputName(std::string_view field, std::string_view name);
 // NotFound if the job has no such output; says which it has.
 absl::StatusOr<OutputSpec> FindOutput(const JobRecord& job, std::string_view output_id);
 
 // ---- lists ----
-
-// Conditions "field = value" joined by AND; a value may stand in double quotes.
-absl::StatusOr<SequenceFilter> ParseSequenceFilter(std::string_view filter);
-absl::StatusOr<JobFilter> ParseJobFilter(std::string_view filter);
-// 0 means 50; more than `max_size` means `max_size`.
-absl::StatusOr<PageRequest> ParsePage(int page_size, std::string_view page_token, int max_size);
 
 inline constexpr size_t kMaxPageBytes = 3 << 20;  // clients take 4 MiB by default
 // Fills `response` by `fill`, which adds the items of a page and its next_page_token; with fewer items than asked for,

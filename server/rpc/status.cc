@@ -122,8 +122,4 @@ grpc::Status ToGrpcStatus(const absl::Status& status, const CallNames& names) {
   return {static_cast<grpc::StatusCode>(details.code()), details.message(), details.SerializeAsString()};
 }
 
-absl::Status InvalidField(std::string_view field, std::string_view why) {
-  return BadField(field, absl::StrCat(std::string(field), " ", std::string(why)));
-}
-
 }  // namespace depthtween::server

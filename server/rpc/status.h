@@ -41,9 +41,6 @@ google::rpc::Status ToRpcStatus(const absl::Status& status, const CallNames& nam
 // For the answer of a call.
 grpc::Status ToGrpcStatus(const absl::Status& status, const CallNames& names = {});
 
-// BadField of store/error_info.h with the message "field why".
-absl::Status InvalidField(std::string_view field, std::string_view why);
-
 }  // namespace depthtween::server
 
 #endif  // DEPTHTWEEN_SERVER_RPC_STATUS_H_

@@ -32,6 +32,10 @@ absl::Status BadField(std::string_view field, std::string_view message) {
                        {.reason = "BAD_FIELD", .metadata = {{"field", std::string(field)}}});
 }
 
+absl::Status InvalidField(std::string_view field, std::string_view why) {
+  return BadField(field, absl::StrCat(std::string(field), " ", std::string(why)));
+}
+
 absl::Status NoSuchResource(std::string_view resource) {
   return WithErrorInfo(absl::NotFoundError(absl::StrCat("there is no ", View(resource))),
                        {.reason = "NO_SUCH_RESOURCE", .metadata = {{"resource", std::string(resource)}}});

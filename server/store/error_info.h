@@ -43,6 +43,8 @@ std::optional<ErrorInfo> GetErrorInfo(const absl::Status& status);
 
 // The errors that several places make. `field` is a path in the request, such as "job.options.method".
 absl::Status BadField(std::string_view field, std::string_view message);
+// BadField with the message "field why".
+absl::Status InvalidField(std::string_view field, std::string_view why);
 absl::Status NoSuchResource(std::string_view resource);
 absl::Status WrongState(std::string_view state, std::string_view message);
 absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_view message);
