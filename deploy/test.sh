@@ -48,7 +48,7 @@ tsan() {
 
 fuzz() {
   local targets
-  mapfile -t targets < <(sed -n 's/^depthtween_fuzz_target(\(.*\))$/\1_fuzz/p' tests/fuzz/CMakeLists.txt)
+  mapfile -t targets < <(sed -n 's/^depthtween_fuzz_target(\([a-z_]*\) .*)$/\1_fuzz/p' tests/fuzz/CMakeLists.txt)
   configure fuzz && build fuzz "${targets[@]}" && run_tests fuzz fuzz -L fuzz
 }
 
