@@ -15,7 +15,7 @@ constexpr char kDescription[] =
     "\n"
     "  depthtween submit SEQUENCE --wait -o OUT     upload a recording, upsample it, fetch the result\n"
     "\n"
-    "An interrupted command goes on where it stopped when it is given again.\n";
+    "An interrupted command resumes when it is given again.\n";
 
 constexpr char kFooter[] =
     "\nExit codes: 0 done; 1 failed; 2 wrong usage; 3 server unreachable; 4 recording rejected; 5 job failed;\n"

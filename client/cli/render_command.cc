@@ -55,7 +55,7 @@ absl::Status CheckFree(const std::string& path, bool force) {
   if (force || !fs::exists(path, error) || (fs::is_directory(path, error) && fs::is_empty(path, error))) {
     return absl::OkStatus();
   }
-  return absl::AlreadyExistsError(absl::StrCat(path, " is there already: name another, or use --force to replace it"));
+  return absl::AlreadyExistsError(absl::StrCat(path, " exists: name another, or use --force to replace it"));
 }
 
 absl::Status RenderOneFrame(client::Connection& connection, const RenderCommand& command, const std::string& job,

@@ -50,7 +50,7 @@ int Status(const StatusOptions& options) {
 
 void AddStatusCommand(CLI::App& app, int* exit_code) {
   const auto options = std::make_shared<StatusOptions>();
-  CLI::App* command = app.add_subcommand("status", "Show how a job gets on, or, without a job, the server");
+  CLI::App* command = app.add_subcommand("status", "Show the state of a job or, without a job, of the server");
   command->add_option("job", options->job, "jobs/ID, as submit and list print it")->type_name("JOB");
   AddCommonOptions(*command, options->common);
   command->callback([options, exit_code] { *exit_code = Status(*options); });
