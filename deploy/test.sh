@@ -62,7 +62,7 @@ main() {
     fi
   done
   deploy/install-packages.sh build test || exit
-  mkdir -p "$LOGS" && rm -f "$LOGS"/*.log
+  mkdir -p "$LOGS" && rm -f "$LOGS"/*.log "$LOGS"/summary.txt
 
   for step in "${steps[@]}"; do
     printf '\n== %s\n' "$step"
@@ -74,7 +74,7 @@ main() {
     summary+=$(printf '%-6s %-6s %5d s  %s' "$step" "$verdict" $((SECONDS - start)) "$closing")$'\n'
   done
 
-  printf '\n== summary\n%s' "$summary"
+  printf '\n== summary\n%s' "$summary" | tee "$LOGS/summary.txt"
   if ((failed)); then
     echo "deploy/test.sh: $failed of ${#steps[@]} steps FAILED, after $SECONDS s"
     exit 1
