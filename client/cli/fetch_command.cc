@@ -52,8 +52,7 @@ int Fetch(const FetchOptions& options) {
 
 void AddFetchCommand(CLI::App& app, int* exit_code) {
   const auto options = std::make_shared<FetchOptions>();
-  CLI::App* command =
-      app.add_subcommand("fetch", "Bring the result of a job home. The same command again resumes");
+  CLI::App* command = app.add_subcommand("fetch", "Bring the result of a job home. The same command again resumes");
   command->add_option("job", options->job, "jobs/ID, as submit and list print it")->type_name("JOB")->required();
   command->add_option("-o,--out", options->output, "Folder for the result")->required()->type_name("OUT");
   command->add_flag("--follow", options->follow, "Fetch frames as a running job makes them, until it ends");

@@ -17,8 +17,8 @@
 #include "core/base/status.h"
 #include "core/fill/key_cleaning.h"
 #include "core/geometry/camera.h"
-#include "core/sequence/rgbd_view.h"
 #include "core/options/scene_flow_options.h"
+#include "core/sequence/rgbd_view.h"
 
 namespace depthtween {
 

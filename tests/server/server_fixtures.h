@@ -71,8 +71,8 @@ class TemporaryFolder {
   std::string path_;
 };
 
-// A file system of its own, in memory, that is soon full; unmounted at the end. Where it cannot be mounted the test fails
-// rather than passes over what it was to show:  ASSERT_TRUE(disk.mounted()) << kNeedsMount;
+// A file system of its own, in memory, that is soon full; unmounted at the end. Where it cannot be mounted the test
+// fails rather than passes over what it was to show:  ASSERT_TRUE(disk.mounted()) << kNeedsMount;
 inline constexpr char kNeedsMount[] = "cannot mount a tmpfs: run as root, in a container with --cap-add SYS_ADMIN";
 class SmallDisk {
  public:
