@@ -13,6 +13,7 @@
 #include "core/io/png.h"
 #include "core/io/result_folder.h"
 #include "core/io/sequence_folder.h"
+#include "core/session/clip_clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -94,7 +95,8 @@ class EvaluationTest : public testing::Test {
       });
       EXPECT_TRUE(run.ok()) << run.status();
     }
-    const absl::Status finished = writer->Finish({{"options", {{"method", baseline}, {"key_every", key_every}}}});
+    const absl::Status finished =
+        writer->Finish({{"options", {{"method", baseline}, {"key_every", key_every}}}, {"clock", ToJson(ClipClock())}});
     EXPECT_TRUE(finished.ok()) << finished;
     return Path(name);
   }
@@ -199,7 +201,7 @@ TEST_F(EvaluationTest, ScoresAsynchronousClipsOnlyWhereStampsMeet) {
   EXPECT_THAT(none.status().message(), HasSubstr("none of its 6 left-out depth maps is within 3 ms"));
 }
 
-TEST_F(EvaluationTest, SaysWhatIsWrongAndHowToMendIt) {
+TEST_F(EvaluationTest, SaysWhatIsWrongAndHowToFixIt) {
   const std::string clip = WriteClip("clip", {});
   const std::string out = WriteResult("out", clip, "linear", 4);
 
