@@ -19,7 +19,7 @@ namespace depthtween {
 namespace {
 
 constexpr size_t kAlignment = 64;
-// Kept at most by the whole process: what one interval of 512 x 424 frees and asks for again.
+// Limit for the whole process: what one interval of 512 x 424 frees and allocates again.
 constexpr intptr_t kKept = 64 << 20;
 
 }  // namespace

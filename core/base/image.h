@@ -70,7 +70,7 @@ class ImageView {
   int width_ = 0, height_ = 0;
 };
 
-// Memory for pixels, 64-byte aligned. What is freed is kept for the next image, up to a limit for the process: a fresh
+// Memory for pixels, 64-byte aligned. Freed memory is kept for the next image, up to a limit for the process: a fresh
 // page from the system costs as much as computing on it. Throws std::bad_alloc.
 void* AllocatePixels(size_t bytes);
 void FreePixels(void* pixels) noexcept;

@@ -15,8 +15,8 @@ static_assert(sizeof(Flow2) == sizeof(cv::Vec2f), "Flow2 is read and written as 
 namespace {
 
 // OpenCV's object holds a pyramid of buffers, and mapping them anew for each call can take as long as the flow itself:
-// each thread keeps its own. One that has seen a start would allocate anew for a call without, so there are two. What
-// they compute does not depend on earlier calls.
+// each thread keeps its own. An object used with a start allocates again when called without one, so there are two.
+// Results do not depend on earlier calls.
 cv::DISOpticalFlow& ThreadsOwnFlow(bool with_start) {
   thread_local cv::Ptr<cv::DISOpticalFlow> own[2];
   cv::Ptr<cv::DISOpticalFlow>& flow = own[with_start ? 1 : 0];

@@ -41,7 +41,7 @@ Flow2 SampleFlow(ImageView<const Flow2> flow, float x, float y);
 // is pixel (i * step, j * step); so is the result.
 Image<Flow2> Compose(ImageView<const Flow2> ab, ImageView<const Flow2> bc, int step = 1);
 
-// Where `steps`, a->b, b->c, ..., take pixel (x, y) of frame a, as a displacement: what Compose has there. Not empty.
+// Displacement of pixel (x, y) of frame a along `steps` a->b, b->c, ...: what Compose gives there. Not empty.
 Flow2 FollowFlows(const std::vector<ImageView<const Flow2>>& steps, int x, int y);
 
 }  // namespace depthtween

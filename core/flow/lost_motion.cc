@@ -11,18 +11,18 @@ namespace {
 constexpr int kWindowRadius = 3;
 constexpr int kWindow = 2 * kWindowRadius + 1;
 constexpr int kWindowPixels = kWindow * kWindow;
-constexpr int kSeedStride = 3;         // a window is looked for at every so many pixels
-constexpr int kSpread = 6;             // pixels from a window that was found that may move like it
+constexpr int kSeedStride = 3;         // pixels between the windows that are searched for
+constexpr int kSpread = 6;             // pixels around a matched window that may move like it
 constexpr float kUnexplained = 14.0F;  // mean difference over a window, luma: beyond noise and interpolation. 9 finds
                                        // false motion on recordings, 20 misses half of what there is
-constexpr float kFound = 9.0F;         // of a window that was found, at most this ...
+constexpr float kFound = 9.0F;         // mean difference of a match: at most this ...
 constexpr float kBetter = 0.5F;        // ... and at most this share of what the flow leaves
 constexpr float kPixelBetter =
     0.7F;                         // what another motion leaves of a pixel's window, at most this share of its flow's
 constexpr int kBeside = 3;        // pixels from the best place: as good as it, for other places to be compared with
-constexpr float kWayBack = 1.5F;  // pixels that the way there and back may miss
+constexpr float kWayBack = 1.5F;  // largest forward-backward error, pixels
 
-// What flow leaves is looked at on every second pixel: it is computed no finer.
+// The residual of flow is computed on every second pixel: flow is no finer.
 constexpr int kGrid = 2;
 
 float Bilinear(ImageView<const uint8_t> image, float x, float y) {
@@ -85,7 +85,7 @@ int WindowDifference(ImageView<const uint8_t> a, int ax, int ay, ImageView<const
   return sum;
 }
 
-// Where the least of a parabola lies whose values at -1, 0, 1 these are.
+// The minimum of the parabola through these values at -1, 0, 1.
 float LeastOfParabola(int before, int at, int after) {
   const int bend = before + after - 2 * at;
   return bend > 0 ? std::clamp(0.5F * static_cast<float>(before - after) / static_cast<float>(bend), -0.5F, 0.5F)
@@ -140,7 +140,7 @@ std::vector<Found> FindWindows(ImageView<const uint8_t> from, ImageView<const ui
   return found;
 }
 
-// The flow, with motions of found windows around them where these explain a pixel's window better.
+// The flow, replaced around matched windows by their motion where that explains a pixel's window better.
 Image<Flow2> Spread(const std::vector<Found>& found, ImageView<const uint8_t> from, ImageView<const uint8_t> to,
                     const Unexplained& left, const Image<Flow2>& flow) {
   Image<Flow2> out = flow.Clone();
@@ -160,15 +160,15 @@ Image<Flow2> Spread(const std::vector<Found>& found, ImageView<const uint8_t> fr
   return out;
 }
 
-// Takes the mended motions that the mended way back confirms; says whether there were any.
-bool TakeConfirmed(const Image<Flow2>& mended, const Image<Flow2>& mended_back, Image<Flow2>& flow) {
+// Takes the recovered motions that pass the forward-backward check; true if there were any.
+bool TakeConfirmed(const Image<Flow2>& recovered, const Image<Flow2>& recovered_back, Image<Flow2>& flow) {
   bool taken = false;
   for (int y = 0; y < flow.height(); ++y)
     for (int x = 0; x < flow.width(); ++x) {
-      const Flow2 f = mended(x, y);
+      const Flow2 f = recovered(x, y);
       if (f.u == flow(x, y).u && f.v == flow(x, y).v) continue;
       const int tx = x + static_cast<int>(std::lround(f.u)), ty = y + static_cast<int>(std::lround(f.v));
-      const Flow2 back = mended_back(tx, ty);
+      const Flow2 back = recovered_back(tx, ty);
       if (std::hypot(f.u + back.u, f.v + back.v) > kWayBack) continue;
       flow(x, y) = f;
       taken = true;
@@ -181,9 +181,10 @@ bool RecoverAtFullResolution(ImageView<const uint8_t> a, ImageView<const uint8_t
   const Unexplained left_a(a, b, ab), left_b(b, a, ba);
   for (const float share : {left_a.share(), left_b.share()})
     if (share == 0 || share > kLostMotionShare) return false;
-  const Image<Flow2> mended_ab = Spread(FindWindows(a, b, left_a, left_b, distinct), a, b, left_a, ab);
-  const Image<Flow2> mended_ba = Spread(FindWindows(b, a, left_b, left_a, distinct), b, a, left_b, ba);
-  const bool there = TakeConfirmed(mended_ab, mended_ba, ab), back = TakeConfirmed(mended_ba, mended_ab, ba);
+  const Image<Flow2> recovered_ab = Spread(FindWindows(a, b, left_a, left_b, distinct), a, b, left_a, ab);
+  const Image<Flow2> recovered_ba = Spread(FindWindows(b, a, left_b, left_a, distinct), b, a, left_b, ba);
+  const bool there = TakeConfirmed(recovered_ab, recovered_ba, ab),
+             back = TakeConfirmed(recovered_ba, recovered_ab, ba);
   return there || back;
 }
 
@@ -204,11 +205,11 @@ Image<Flow2> HalfSize(const Image<Flow2>& flow) {
   return half;
 }
 
-// What was mended at half resolution, at full resolution; elsewhere `flow` stays.
-void TakeChanges(const Image<Flow2>& mended, const Image<Flow2>& before, Image<Flow2>& flow) {
-  for (int y = 0; y < 2 * mended.height(); ++y)
-    for (int x = 0; x < 2 * mended.width(); ++x) {
-      const Flow2 f = mended(x / 2, y / 2), was = before(x / 2, y / 2);
+// Carries motion recovered at half resolution over to full resolution; elsewhere `flow` stays.
+void TakeChanges(const Image<Flow2>& recovered, const Image<Flow2>& before, Image<Flow2>& flow) {
+  for (int y = 0; y < 2 * recovered.height(); ++y)
+    for (int x = 0; x < 2 * recovered.width(); ++x) {
+      const Flow2 f = recovered(x / 2, y / 2), was = before(x / 2, y / 2);
       if (f.u != was.u || f.v != was.v) flow(x, y) = {2 * f.u, 2 * f.v};
     }
 }

@@ -1,4 +1,4 @@
-// Draws a depth map's surface after its points have moved: nearest wins, nothing spans a cut.
+// Splats a depth map's surface, as triangles, after its points have moved: z-buffered, torn at depth jumps.
 //
 // Shapes:   positions and depth_m: one vertex per `step` source pixels, in both directions; the drawing: W x H pixels.
 // Units:    pixels and metres, 0 = unknown.
