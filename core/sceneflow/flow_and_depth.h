@@ -1,4 +1,4 @@
-// Scene flow of a frame whose flow and whose depth, now and next, are known already: what an upsampling leaves.
+// Scene flow from known optical flow and known depth of both frames, as an upsampled recording has them.
 #ifndef DEPTHTWEEN_CORE_SCENEFLOW_FLOW_AND_DEPTH_H_
 #define DEPTHTWEEN_CORE_SCENEFLOW_FLOW_AND_DEPTH_H_
 

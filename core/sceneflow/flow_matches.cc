@@ -20,10 +20,10 @@ constexpr float kRoundTripPx = 1.0F, kRoundTripPerPx = 0.02F;
 // Flow smears over silhouettes: matches this near to one count less.
 constexpr int kSmearPx = 3;
 constexpr float kSmearWeight = 0.3F;
-// Between frames of 30 a second, small things go farther than they are wide: what flow loses is looked for at full and
-// at half resolution.
-// Of patterns that repeat, as plaid, the nearest place is not the likeliest: those that have a second place as good are
-// left alone. 1.2 lets some through, 1.6 loses a spotted ball.
+// At 30 frames a second, small things move farther than they are wide: motion that flow lost is searched for at full
+// and at half resolution.
+// In a repeating pattern, such as plaid, the best match may be the wrong repetition: ambiguous matches are
+// rejected. 1.2 lets some through, 1.6 loses a spotted ball.
 constexpr LostMotionOptions kLostMotion = {.scales = 2, .distinct = 1.3F};
 
 // G / (G + noise) of the luma's gradients around each pixel: what noise could have made determines nothing.
@@ -80,10 +80,10 @@ Image<uint8_t> NearOtherSurfaces(ImageView<const int> labels) {
   return near;
 }
 
-// What was not mended stays what the first search found.
-void KeepUnlessMended(const Image<Flow2>& first, const Image<Flow2>& mended, Image<Flow2>& flow) {
+// Keeps the flow of the first search where no motion was recovered.
+void KeepUnlessRecovered(const Image<Flow2>& first, const Image<Flow2>& recovered, Image<Flow2>& flow) {
   for (size_t p = 0; p < flow.pixel_count(); ++p) {
-    const Flow2 was = first.data()[p], is = mended.data()[p];
+    const Flow2 was = first.data()[p], is = recovered.data()[p];
     if (was.u == is.u && was.v == is.v) flow.data()[p] = was;
   }
 }
@@ -139,10 +139,10 @@ absl::StatusOr<FlowMatches> FindFlowMatches(const FramePair& pair, ImageView<con
   };
   ASSIGN_OR_RETURN(FlowBothWays flow, search(start));
   out.matches = matches_of(flow, nullptr);
-  FlowBothWays mended = {flow[0].Clone(), flow[1].Clone()};
-  if (RecoverLostMotion(pair.from.luma, pair.to.luma, mended[0], mended[1], kLostMotion)) {
-    ASSIGN_OR_RETURN(FlowBothWays again, search(mended));
-    for (int i = 0; i < 2; ++i) KeepUnlessMended(flow[i], mended[i], again[i]);
+  FlowBothWays recovered = {flow[0].Clone(), flow[1].Clone()};
+  if (RecoverLostMotion(pair.from.luma, pair.to.luma, recovered[0], recovered[1], kLostMotion)) {
+    ASSIGN_OR_RETURN(FlowBothWays again, search(recovered));
+    for (int i = 0; i < 2; ++i) KeepUnlessRecovered(flow[i], recovered[i], again[i]);
     out.found_again = matches_of(again, &flow[0]);
   }
   start[1] = std::move(flow[1]);  // what RestartFlow does not replace

@@ -10,7 +10,7 @@
 
 namespace depthtween {
 
-// A surface that changes its depth by more than this share has been mistaken for another.
+// A match whose depth changes by more than this share has landed on another surface.
 inline constexpr float kMostDepthChange = 0.25F;
 // Geometry knows depth no better than this share of it: surfaces are sampled at pixels.
 inline constexpr float kModelShare = 5e-4F;
@@ -20,8 +20,8 @@ struct FlowMatches {
   // ends, whether a silhouette is near, over which flow smears. Information is what texture determines.
   Image<PointMatch> matches;
   Image<uint8_t> smeared;  // nonzero: another surface is near
-  // The same of motion that flow had lost (core/flow/lost_motion.h), where it was found again; of weight 0 elsewhere.
-  // Empty if nothing was. A pattern that repeats is found where it never went: this only proposes, and has no vote.
+  // The same for motion that flow had lost and that was recovered (core/flow/lost_motion.h); weight 0 elsewhere. Empty
+  // if none was. A repeating pattern gives false matches: these only propose candidates, and have no vote.
   Image<PointMatch> found_again;
 };
 

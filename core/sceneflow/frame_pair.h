@@ -1,4 +1,4 @@
-// What all methods start from: both frames with depth made whole.
+// The input of all methods: both frames, with depth denoised and its holes filled.
 #ifndef DEPTHTWEEN_CORE_SCENEFLOW_FRAME_PAIR_H_
 #define DEPTHTWEEN_CORE_SCENEFLOW_FRAME_PAIR_H_
 

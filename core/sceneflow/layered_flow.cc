@@ -195,7 +195,7 @@ class Estimator {
                                  moved_z);
   }
 
-  // Pixels whose place in the second frame a nearer layer covers, or what was measured there does.
+  // Pixels that a nearer layer, or nearer measured depth, occludes in the second frame.
   void FindHidden() {
     Image<float> nearest(width_, height_);
     const auto place_of = [&](int x, int y) {

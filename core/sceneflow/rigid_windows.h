@@ -4,11 +4,13 @@
 // 2. Rigid motions are fitted robustly to the matches of windows that keep to one surface: small ones that follow what
 //    bends, large ones that average noise, and the few that dominate the whole frame. Windows with too few matches, as
 //    where a surface is hidden, take over the motion of their neighbours on the same surface.
-//    Range flow, and motion that dense flow lost and that was found again, propose more motions for windows that these
-//    do not explain; they have no vote.
+//    Range flow and recovered motion (core/flow/lost_motion.h) propose more candidates for windows that these do not
+//    explain; they have no vote.
 // 3. Every pixel compares these motions, and its own match, by colour, by the depth measured where they lead, and by
-//    the flow; a motion that leads behind what was measured says that the pixel becomes hidden, which costs a fixed
-//    amount. The simpler motion wins unless the other is better by more than chance. Neighbours are asked twice.
+//    the flow; a motion that leads behind the measured depth means that the pixel becomes occluded, which costs a fixed
+//    amount. The simpler motion wins unless the other is better by more than chance. Then motions spread between
+//    neighbours.
+//    Steps 1 to 3 run twice; the second time flow starts from what the first chose.
 // 4. Motions of neighbours that agree are averaged.
 //
 // Source:   windows of rigid motion: Hornacek, Fitzgibbon and Rother, SphereFlow, CVPR 2014; dominant motions first:

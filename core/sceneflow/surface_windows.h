@@ -17,7 +17,7 @@
 namespace depthtween {
 
 // Costs are shares of a full mismatch of colour.
-// Of a motion that leads behind what was measured, or out of the picture.
+// Of a motion that leads behind the measured depth, or out of the image: an occlusion.
 inline constexpr float kHiddenCost = 0.30F;
 // How much a pixel feels of what a window says.
 inline constexpr float kWindowShare = 0.5F;

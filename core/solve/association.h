@@ -32,8 +32,8 @@ struct Partner {
 std::optional<Partner> FindPartner(const PartnerSurface& surface, const Triple<float>& predicted,
                                    const Triple<float>& normal, Rgb8 color);
 
-// As printed: the point of the other key closest to `point`, which is where it was in this one. Looked for within five
-// pixels of where that is seen.
+// The paper's published form: the point of the other key closest to `point` (where the trajectory starts), searched
+// for within five pixels of its projection.
 std::optional<Partner> ClosestPartner(const PartnerSurface& surface, const Triple<float>& point);
 
 }  // namespace depthtween

@@ -49,7 +49,7 @@ int ConjugateGradient(NormalMatrix& matrix, const Preconditioner& preconditioner
     if (!(curvature > 0)) return i;
     const double before = rz;
     const auto alpha = static_cast<float>(rz / curvature);
-    if (i == iterations) return AddScaled(direction, alpha, grid.size(), step), i;  // nobody asks what is left
+    if (i == iterations) return AddScaled(direction, alpha, grid.size(), step), i;  // the residual is no longer needed
     rz = advance(alpha);
     if (!(rz > kForcing * kForcing * first)) return i;
     carry = static_cast<float>(rz / before);

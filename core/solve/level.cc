@@ -38,8 +38,8 @@ float PlaneWeight(const Triple<float>& a, const Triple<float>& normal_a, const T
   return std::exp(-(deviation * deviation) / (sigma * sigma));
 }
 
-// w_d w_c as printed, of a squared distance in metres and one of colours in [0, 1]: sigma_d = 0.015, and sigma_c = 1 on
-// the scale on which brightness has sigma_2 = 20.
+// The paper's published w_d w_c, of a squared distance in metres and one of colours in [0, 1]: sigma_d = 0.015, and
+// sigma_c = 1 on the scale on which brightness has sigma_2 = 20.
 float PrintedCoherence(float length2, float color2) {
   return std::exp(-length2 / (0.015F * 0.015F) - 255.0F * 255.0F * color2);
 }
@@ -137,7 +137,7 @@ Evidence GatherEvidence(const SolveProblem& problem, const SolveOptions& options
         float weight = s == 0 ? 1.0F : evidence.visible[s - 1](i, j);
         if (!(to_x >= 0 && to_y >= 0 && to_x <= static_cast<float>(depth.width() - 1) &&
               to_y <= static_cast<float>(depth.height() - 1)))
-          weight = 0;  // out of sight: flow there is made up
+          weight = 0;  // outside the image: flow there is invented
         if (weight > 0 && tested) {
           const Flow2 past = s == 0 ? Flow2{} : problem.frames[s - 1].track(i, j);
           const float from_x = x + past.u, from_y = y + past.v;

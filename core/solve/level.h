@@ -49,8 +49,8 @@ int Associate(const SolveProblem& problem, const SolveOptions& options, const Id
 
 // Cuts the edges that the tracks tear, between points with partners whose tracks are trusted. Returns how many.
 int CutTorn(const SolveProblem& problem, const IdealPixels& pixels, const Evidence& evidence, Level& level);
-// As printed: edges are weighed by how their length changes along tracks to the last frame but one, at the depth of the
-// key. Returns how many lose more than half.
+// The paper's published form: edges are weighed by how their length changes along tracks to the last frame but one, at
+// the key's depth. Returns how many lose more than half.
 int WeighTopologyAsPrinted(const Evidence& evidence, Level& level);
 
 }  // namespace depthtween

@@ -1,8 +1,8 @@
-// How far the flow of a point is to be believed: it may be hidden in the next frame, or its flow be its neighbour's.
+// Visibility weight of a point's flow: the point may be occluded in the next frame, or its flow bleed from a neighbour.
 //
 // Source: Yuan et al. 2018, section 3.3, after Sand and Teller, Particle Video, 2006. We differ: only negative
-// divergence counts (positive divergence is what uncovers, not what hides), the way back must lead home, and near a
-// depth jump no flow is trusted in full, since the halo of the other side's motion passes every other test.
+// divergence counts (positive divergence means disocclusion), forward and backward flow must be consistent, and near a
+// depth jump no flow is trusted in full, since motion bleeding over from the other side passes every other test.
 #ifndef DEPTHTWEEN_CORE_SOLVE_OCCLUSION_H_
 #define DEPTHTWEEN_CORE_SOLVE_OCCLUSION_H_
 
@@ -30,7 +30,7 @@ inline float VisibleWeight(Flow2 flow, Flow2 back, float divergence, float brigh
   return std::exp(-(d * d + b * b + (u * u + v * v) / sigma2));
 }
 
-// O as printed: what uncovers counts as what hides does, and nobody looks at the way back.
+// The paper's published O: disocclusion counts like occlusion, and forward-backward consistency is not checked.
 inline float PrintedVisibleWeight(float divergence, float brightness) {
   const float b = brightness / kHiddenBrightnessSigma;
   return std::exp(-(divergence * divergence + b * b));  // sigma_1 = 1

@@ -1,7 +1,7 @@
 // E_short: a trajectory does not jerk.
 //
 // Residual: the second divided difference of three positions over their times, in pixel footprints of the key per
-// interval^2, over its deviation. As printed, |p_s - p_{s-1}|^2 shrinks motion in depth; a 1e-3 share of it is kept,
+// interval^2, over its deviation. In the paper, |p_s - p_{s-1}|^2 shrinks motion in depth; a 1e-3 share of it is kept,
 // for points that nothing else holds. Linear; no kernel.
 #ifndef DEPTHTWEEN_CORE_SOLVE_SHORT_TERM_H_
 #define DEPTHTWEEN_CORE_SOLVE_SHORT_TERM_H_

@@ -18,7 +18,7 @@ inline bool Torn(float length_m, float moved_m, float sigma_m) {
   return std::abs(moved_m - length_m) > std::max(kTornShare * length_m, kTornSigmas * std::sqrt(2.0F) * sigma_m);
 }
 
-// The weight as printed: how well the edge keeps its length.
+// The paper's published weight: how well the edge keeps its length.
 inline float PrintedTopologyWeight(float length_m, float moved_m) {
   constexpr float kSigma = 0.015F;
   return std::exp(-(moved_m - length_m) * (moved_m - length_m) / (kSigma * kSigma));
