@@ -41,6 +41,6 @@ STOPSIGNAL SIGTERM
 # buildah and podman keep this line only with --format docker.
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s CMD ["depthtween-server", "healthcheck"]
 ENTRYPOINT ["depthtween-server"]
-# A container's loopback interface is reached by nobody, so the server listens on all of the container's own.
+# A container's loopback interface cannot be reached from outside, so the server listens on all its interfaces.
 CMD ["serve", "--data-dir", "/var/lib/depthtween", \
      "--listen", "0.0.0.0:50051", "--insecure-listen-anywhere", "--log-json"]

@@ -18,7 +18,7 @@ readonly FRAMES=65  # eight intervals: 0.27 s of motion, 9 depth maps
 SERVER_PID=
 SERVER_DATA=
 
-# The server ends with this script, however that ends, and what it stored goes with it: the result has been fetched.
+# However this script ends, it stops the server and deletes the server's data: the result has been fetched by then.
 stop_server() {
   if [[ -n $SERVER_PID ]]; then
     kill "$SERVER_PID" 2>/dev/null || true

@@ -18,7 +18,7 @@ is_installed() {
   [[ $(dpkg-query --show --showformat='${db:Status-Status}' "$1" 2>/dev/null) == installed ]]
 }
 
-# Node may come from another source than Debian, whose npm package conflicts with it: any of the two programs will do.
+# Node may come from a source other than Debian, whose npm package conflicts with it: either program will do.
 is_provided_otherwise() {
   case $1 in
     nodejs) command -v node >/dev/null ;;
@@ -39,7 +39,7 @@ as_root() {
 }
 
 apt() {
-  # A machine that has just started may be at its own updates: wait for them.
+  # A machine that has just started may be installing updates: wait for them.
   as_root env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=300 -o Dpkg::Use-Pty=0 -qq "$@" </dev/null
 }
 

@@ -8,7 +8,7 @@
 #   fuzz    the fuzz targets over their corpora
 #
 # Sanitizers see our modules only: Debian's gRPC is not instrumented, and generated code is not ours.
-# Every step runs, whatever became of those before it; the exit code is 0 if all passed.
+# Every step runs, even if an earlier one failed; the exit code is 0 if all passed.
 set -uo pipefail
 
 # shellcheck source-path=SCRIPTDIR

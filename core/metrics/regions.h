@@ -36,11 +36,11 @@ Image<uint8_t> DepthJumps(ImageView<const float> depth_m);
 // Pixels on the nearer side of a jump to a known 3x3 neighbour: outlines, one pixel wide.
 Image<uint8_t> Silhouettes(ImageView<const float> depth_m);
 
-// Pixels at most `radius` pixels from a pixel of the mask: as the crow flies, or along rows and columns (a square).
+// Pixels at most `radius` pixels from a pixel of the mask: Euclidean distance, or along rows and columns (a square).
 Image<uint8_t> DilateDisc(ImageView<const uint8_t> mask, int radius);
 Image<uint8_t> DilateSquare(ImageView<const uint8_t> mask, int radius);
 
-// Within kEdgeBandPx of a jump, as the crow flies.
+// Within kEdgeBandPx of a jump, Euclidean distance.
 Image<uint8_t> EdgeBand(ImageView<const float> depth_m);
 
 // Pixels around which luma varies by less than kUntexturedLevels: nothing there for motion to hold on to.

@@ -101,7 +101,7 @@ class SceneFlowComparison {
 struct TransferScore {
   std::string name;
   int64_t pixels = 0;           // those that all methods draw on and both frames know
-  double depth_error = 0.0;     // mean |z^ - z| / z, each at most kMostTransferError: the rest is who hides whom
+  double depth_error = 0.0;     // mean |z^ - z| / z, each at most kMostTransferError: beyond is occlusion
   double depth_outliers = 0.0;  // share above 5 %
   double color_error = 0.0;     // mean absolute difference of colours, levels
   double coverage = 0.0;        // share of the second frame's known pixels that it draws on

@@ -61,7 +61,7 @@ absl::StatusOr<FocusPoint> StartFocus(const FocusPixel& pixel, ImageView<const f
 
 // The point in a neighbouring frame. `motion` leads there from the point's own frame, whose depth is `depth_m`; it may
 // be empty: then the point is looked for where it was. It keeps to its surface, as told by depth. Where it is hidden or
-// outside the image it waits with its depth unchanged, and goes on when its surface comes back.
+// outside the image it waits with its depth unchanged, and resumes when its surface comes back.
 FocusPoint FollowFocus(const FocusPoint& point, ImageView<const float> depth_m, ImageView<const Flow2> motion,
                        int next_frame, ImageView<const float> next_depth_m);
 

@@ -10,7 +10,7 @@
 namespace depthtween {
 namespace {
 
-constexpr double kMaxDisparityShare = 0.2;  // of the width: beyond it nobody fuses the eyes and holes eat the picture
+constexpr double kMaxDisparityShare = 0.2;  // of the width: the eyes cannot fuse more, and holes dominate
 
 // Colour that is added to (1 - alpha) of what lies behind it. sRGB, 0..255.
 struct Premultiplied {

@@ -1,5 +1,5 @@
-// A recording of a scene: frames at the rates, through the sensor and by the clocks one asks for, in memory or as a
-// sequence folder with all truth.
+// A synthetic recording of a scene with the given frame rates, sensor and clocks, in memory or as a sequence folder
+// with full ground truth.
 #ifndef DEPTHTWEEN_CORE_SYNTHETIC_SYNTHETIC_SEQUENCE_H_
 #define DEPTHTWEEN_CORE_SYNTHETIC_SYNTHETIC_SEQUENCE_H_
 

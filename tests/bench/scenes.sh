@@ -1,5 +1,5 @@
 #!/bin/bash
-# The table of README.md: our error beside the baselines' on the library's own scenes, which everybody can render.
+# The table of README.md: our error beside the baselines' on the library's own scenes, which anyone can render.
 #
 #   tests/bench/scenes.sh [FOLDER_OF_PROGRAMS]      the default is build/release/bin; writes Markdown to standard output
 #
