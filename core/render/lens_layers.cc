@@ -20,7 +20,7 @@ constexpr float kOpeningPx = 1.5F;  // beyond its own circle a silhouette opens 
 constexpr float kAlike = 0.02F;     // colours nearer to each other than this cannot be taken apart
 constexpr float kNothing = 1e-5F;   // below it a weight is rounding
 
-// What was inferred counts less than what is seen of the same layer around it, and the less the farther that spreads:
+// Inferred pixels count less than what is seen of the same layer around it, and the less the farther that spreads:
 // up to 1.5 dB closer to a real lens at edges than full trust, and nearly as good within a factor of 3 either way.
 float TrustInInferred(float radius_px) { return 0.3F / (1 + 0.25F * std::abs(radius_px)); }
 

@@ -21,7 +21,7 @@ constexpr int kRounds = 2;  // the second starts its flow from what the first ch
 
 // Costs, in shares of a full mismatch of colour; kHiddenCost and those of candidates are in surface_windows.h.
 constexpr float kHiddenAgainstFlow = 0.40F;  // of being hidden, more, where flow says that it stays in sight
-constexpr float kSeesThroughCost = 1.0F;     // of leading in front of what was measured
+constexpr float kSeesThroughCost = 1.0F;     // of leading in front of the measured depth
 constexpr float kSeesThroughAtEdge = 0.3F;
 constexpr float kDepthCost = 0.30F, kFlowCost = 0.20F;
 constexpr float kFlowScalePx = 2.0F;
@@ -259,7 +259,8 @@ class Estimator {
     return out;
   }
 
-  // What was chosen, as flow both ways. Backward where a chosen motion arrives, nearest first; else as it was.
+  // The chosen motions, as flow both ways: backward flow where a chosen motion arrives, nearest first; elsewhere
+  // unchanged.
   void RestartFlow() {
     Image<float> nearest(width_, height_);
     start_[0] = Image<Flow2>(width_, height_);

@@ -276,7 +276,7 @@ class Fitter {
     return block;
   }
 
-  // A window that no known motion explains, as of a small thing that went far, is looked for all around.
+  // Searches the surroundings for a window that no known motion explains, such as one on a small, fast thing.
   void Search(Window& window) const {
     window.searched.reset();
     const Block block = BlockOf(window);
@@ -400,7 +400,7 @@ class Fitter {
       // A camera on a stand is likelier than one that moves by less than flow can tell.
       if (dominant_.empty() && supports[0] > kAsGood * fit.support) fit.motion = RigidMotion();
       dominant_.push_back(fit.motion);
-      // What it explains is taken away.
+      // Removes the matches that it explains.
       std::erase_if(left, [&](const PointMatch& match) {
         const std::array<PointMatch, 1> one = {match};
         return Support(pair_.to_rays, one, fit.motion, kWindowFit).support > 0.25F * match.flow_weight;

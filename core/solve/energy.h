@@ -6,7 +6,7 @@
 //     + rigid sum_j strain_ij |rigid_ij|^2  +  reg sum_j strain_ij |e_ij|^2 |reg_ij|^2   (8 neighbours j)
 //     + short (|acceleration|^2 + 1e-3 |step|^2)
 //
-// rho, the strain in place of metres, and what E_short penalises can be as the paper prints them: PrintedChoices.
+// rho, the strain in place of metres, and what E_short penalises can take the paper's published form: PrintedChoices.
 //
 // Each residual has a header of its own (*_term.h). Unknowns: for each point `rank` coefficients of its motion c
 // (metres) and of its rotation vector w (radians); see time_basis.h. Everything that is looked up in images is frozen

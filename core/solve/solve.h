@@ -58,9 +58,9 @@ enum class MotionModel {
   kPerFrame,    // positions and rotations of every frame for themselves
 };
 
-// Choices of the paper that we differ from, each of which can be had as it is printed. What has no meaning as printed,
-// such as the projection of a difference of points, has no name here; nor has what is none of the solver's, such as the
-// last frame being replaced by the key.
+// Choices of the paper that we differ from; each can be switched to its published form. Not listed: what has no meaning
+// as published, such as the projection of a difference of points, and what is not the solver's, such as replacing the
+// last frame by the key.
 struct PrintedChoices {
   bool closest = false;    // partners are closest to where the point was in the key, not to where it is tracked
   bool coherence = false;  // w_d by distance alone (0.015 m), w_c by single levels of colour, without a rest
