@@ -18,7 +18,7 @@ REPORT=$(realpath --canonicalize-missing "$REPORT")
 # shellcheck source-path=SCRIPTDIR
 source "$(dirname "${BASH_SOURCE[0]}")/steps.sh"
 
-deploy/install-packages.sh build
+deploy/install-packages.sh build test
 configure bench
 build bench depthtween-benchmark
 

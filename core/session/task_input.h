@@ -1,4 +1,4 @@
-// What the tasks share: their input, and the names of the files they leave for each other.
+// What the tasks share: their input, and the part of `assemble` that is about renders.
 #ifndef DEPTHTWEEN_CORE_SESSION_TASK_INPUT_H_
 #define DEPTHTWEEN_CORE_SESSION_TASK_INPUT_H_
 

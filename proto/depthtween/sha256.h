@@ -15,7 +15,7 @@
 
 namespace depthtween {
 
-// Grammar:  Update* Finish. With SHA-256 named and the context there, OpenSSL's calls fail only for want of memory.
+// Grammar:  Update* Finish. Throws std::bad_alloc when OpenSSL runs out of memory, the only way its calls fail here.
 class Sha256 {
  public:
   Sha256() : context_(EVP_MD_CTX_new()) {

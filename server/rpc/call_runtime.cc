@@ -21,7 +21,7 @@ std::string RequestId(const grpc::CallbackServerContext& context) {
   return ChooseRequestId({found->second.data(), found->second.size()});
 }
 
-// Ours to mend: an error. The client's to mend: worth a line. Else: only for those who look closely.
+// A fault of ours is an error. A fault of the client is worth a line. All else is for debugging.
 LogLevel LevelOf(absl::StatusCode code) {
   switch (code) {
     case absl::StatusCode::kOk:
