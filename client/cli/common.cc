@@ -2,6 +2,7 @@
 
 #include <google/protobuf/util/json_util.h>
 #include <unistd.h>
+#include <nlohmann/json.hpp>
 
 #include <cmath>
 #include <iostream>

@@ -1,4 +1,5 @@
 #include <google/protobuf/empty.pb.h>
+#include <nlohmann/json.hpp>
 
 #include <iostream>
 #include <memory>

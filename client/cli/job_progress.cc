@@ -1,5 +1,6 @@
 #include "client/cli/job_progress.h"
 
+#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "absl/strings/ascii.h"

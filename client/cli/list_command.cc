@@ -1,4 +1,5 @@
 #include <google/protobuf/util/time_util.h>
+#include <nlohmann/json.hpp>
 
 #include <functional>
 #include <iostream>

@@ -2,7 +2,7 @@
 #ifndef DEPTHTWEEN_CLIENT_CLI_LOST_FILES_H_
 #define DEPTHTWEEN_CLIENT_CLI_LOST_FILES_H_
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 

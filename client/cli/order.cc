@@ -1,5 +1,6 @@
 #include "client/cli/order.h"
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 

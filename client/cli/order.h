@@ -2,7 +2,7 @@
 #ifndef DEPTHTWEEN_CLIENT_CLI_ORDER_H_
 #define DEPTHTWEEN_CLIENT_CLI_ORDER_H_
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 
 #include "client/lib/status.h"
 #include "core/flags/render_flags.h"

@@ -10,6 +10,9 @@
 
 namespace depthtween::client {
 
+// How often bytes may arrive damaged in a row before it is an error: such a connection does not recover by itself.
+inline constexpr int kDamagedTries = 3;
+
 // Grammar of use:  (Wait | Reset)*  - Wait after every failed try, Reset whenever something has got through.
 class Backoff {
  public:

@@ -25,7 +25,6 @@ namespace fs = std::filesystem;
 
 using Outputs = v1::OutputService::StubInterface;
 
-constexpr int kDamagedTries = 3;  // in a row; a line that damages this often does not mend by itself
 constexpr int64_t kMostFrameBytes = int64_t{1} << 30;
 
 // Says whether a stream that ended with an error is worth another: the server is away, or bytes were damaged on the

@@ -17,7 +17,6 @@ using Sequences = v1::SequenceService::StubInterface;
 
 constexpr int64_t kChunkBytes = 1 << 20;
 constexpr size_t kFilesPerUpload = 4096;  // announcing them takes 0.4 MB: well below the 4 MiB a message may have
-constexpr int kDamagedTries = 3;          // a line that damages the same bytes this often does not mend by itself
 
 // Sends one group of files, which travel as one upload.
 class GroupUpload {
@@ -53,8 +52,8 @@ class GroupUpload {
       if (status.ok()) continue;
       // Aborted: the server has yet to notice that the stream before this one is dead. OutOfRange: that stream got
       // further than we knew.
-      const bool mends = IsTransient(status) || absl::IsAborted(status) || absl::IsOutOfRange(status);
-      if (!mends && !(absl::IsDataLoss(status) && ++damaged < kDamagedTries)) return status;
+      const bool may_pass = IsTransient(status) || absl::IsAborted(status) || absl::IsOutOfRange(status);
+      if (!may_pass && !(absl::IsDataLoss(status) && ++damaged < kDamagedTries)) return status;
       v1::GetUploadRequest where;
       where.set_name(upload_.name());
       ASSIGN_OR_RETURN(upload_, connection_.Call(connection_.sequences(), &Sequences::GetUpload, where));

@@ -1,5 +1,7 @@
 #include "core/options/scene_flow_options.h"
 
+#include <nlohmann/json.hpp>
+
 #include "absl/strings/str_join.h"
 #include "core/options/field_error.h"
 #include "core/options/option_members.h"
@@ -9,7 +11,7 @@ namespace {
 
 using nlohmann::json;
 
-const OptionMembers<SceneFlowOrder>& Members() {
+const OptionMembers<SceneFlowOrder>& SceneFlowMembers() {
   using O = SceneFlowOrder;
   static const auto* const kMembers = [] {
     auto* const members = new OptionMembers<O>;
@@ -51,13 +53,13 @@ const std::vector<std::string>& SceneFlowFormats() {
   return *kNames;
 }
 
-const std::vector<OptionSpec>& SceneFlowOptionSpecs() { return Members().specs(); }
+const std::vector<OptionSpec>& SceneFlowOptionSpecs() { return SceneFlowMembers().specs(); }
 
-json ToJson(const SceneFlowOrder& order) { return Members().ToJson(order); }
+json ToJson(const SceneFlowOrder& order) { return SceneFlowMembers().ToJson(order); }
 
 absl::StatusOr<SceneFlowOrder> ParseSceneFlowOrder(const json& document, const std::string& path) {
   ASSIGN_OR_RETURN(const json filled, FillDocument(SceneFlowOptionSpecs(), document, path));
-  SceneFlowOrder order = Members().FromFilled(filled);
+  SceneFlowOrder order = SceneFlowMembers().FromFilled(filled);
   if (order.formats.empty())
     return FieldError(path + ".formats", "is empty, must be some of: " + absl::StrJoin(SceneFlowFormats(), ", "));
   return order;

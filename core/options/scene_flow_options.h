@@ -2,7 +2,7 @@
 #ifndef DEPTHTWEEN_CORE_OPTIONS_SCENE_FLOW_OPTIONS_H_
 #define DEPTHTWEEN_CORE_OPTIONS_SCENE_FLOW_OPTIONS_H_
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 

@@ -1,6 +1,7 @@
 #include "core/options/upsample_options.h"
 
 #include <limits>
+#include <nlohmann/json.hpp>
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -18,7 +19,7 @@ constexpr char kResearch[] = "For research";
 
 absl::Status CheckClock(std::string_view text) { return ParseClockChoice(text).status(); }
 
-const OptionMembers<UpsampleOptions>& Members() {
+const OptionMembers<UpsampleOptions>& UpsampleMembers() {
   using O = UpsampleOptions;
   static const auto* const kMembers = [] {
     auto* const members = new OptionMembers<O>;
@@ -139,13 +140,13 @@ const std::vector<std::string>& LiteralNames() {
   return *kNames;
 }
 
-const std::vector<OptionSpec>& UpsampleOptionSpecs() { return Members().specs(); }
+const std::vector<OptionSpec>& UpsampleOptionSpecs() { return UpsampleMembers().specs(); }
 
-json ToJson(const UpsampleOptions& options) { return Members().ToJson(options); }
+json ToJson(const UpsampleOptions& options) { return UpsampleMembers().ToJson(options); }
 
 absl::StatusOr<UpsampleOptions> ParseUpsampleOptions(const json& document, const std::string& path) {
   ASSIGN_OR_RETURN(const json filled, FillDocument(UpsampleOptionSpecs(), document, path));
-  UpsampleOptions options = Members().FromFilled(filled);
+  UpsampleOptions options = UpsampleMembers().FromFilled(filled);
   RETURN_IF_ERROR(CheckTogether(options, path));
   return options;
 }

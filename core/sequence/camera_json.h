@@ -3,7 +3,7 @@
 #ifndef DEPTHTWEEN_CORE_SEQUENCE_CAMERA_JSON_H_
 #define DEPTHTWEEN_CORE_SEQUENCE_CAMERA_JSON_H_
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
 

@@ -1,6 +1,7 @@
 #include "core/sequence/clock_estimate.h"
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "absl/strings/str_format.h"
 

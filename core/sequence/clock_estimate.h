@@ -5,7 +5,7 @@
 #define DEPTHTWEEN_CORE_SEQUENCE_CLOCK_ESTIMATE_H_
 
 #include <cstdint>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 #include "core/sequence/clock.h"

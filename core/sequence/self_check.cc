@@ -1,5 +1,6 @@
 #include "core/sequence/self_check.h"
 
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "absl/strings/str_cat.h"

@@ -4,7 +4,7 @@
 #define DEPTHTWEEN_CORE_SEQUENCE_SELF_CHECK_H_
 
 #include <cstdint>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>

@@ -3,7 +3,7 @@
 #define DEPTHTWEEN_CORE_SESSION_CLIP_CLOCK_H_
 
 #include <functional>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <stop_token>
 

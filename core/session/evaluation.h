@@ -5,7 +5,7 @@
 #define DEPTHTWEEN_CORE_SESSION_EVALUATION_H_
 
 #include <functional>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 #include <string>
 #include <vector>

@@ -1,6 +1,7 @@
 // The two forms of an evaluation: JSON for programs, tables for people.
 #include <algorithm>
 #include <array>
+#include <nlohmann/json.hpp>
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"

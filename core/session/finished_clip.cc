@@ -1,6 +1,7 @@
 #include "core/session/finished_clip.h"
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "absl/strings/str_format.h"

@@ -15,7 +15,7 @@
 #ifndef DEPTHTWEEN_CORE_SESSION_RENDER_OPTIONS_H_
 #define DEPTHTWEEN_CORE_SESSION_RENDER_OPTIONS_H_
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>

@@ -4,7 +4,7 @@
 #ifndef DEPTHTWEEN_CORE_SESSION_SCENE_FLOW_RUN_H_
 #define DEPTHTWEEN_CORE_SESSION_SCENE_FLOW_RUN_H_
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 #include <string>
 #include <string_view>

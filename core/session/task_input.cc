@@ -1,5 +1,7 @@
 #include "core/session/task_input.h"
 
+#include <nlohmann/json.hpp>
+
 #include "absl/strings/str_cat.h"
 #include "core/io/file.h"
 

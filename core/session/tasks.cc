@@ -1,6 +1,7 @@
 #include "core/session/tasks.h"
 
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 #include <vector>

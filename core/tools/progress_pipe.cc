@@ -1,6 +1,7 @@
 #include "core/tools/progress_pipe.h"
 
 #include <unistd.h>
+#include <nlohmann/json.hpp>
 
 #include <cerrno>
 #include <string>

@@ -11,7 +11,7 @@
 #define DEPTHTWEEN_CORE_TOOLS_PROGRESS_PIPE_H_
 
 #include <functional>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 
 #include "core/base/status.h"
 

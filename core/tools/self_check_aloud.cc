@@ -1,6 +1,7 @@
 #include "core/tools/self_check_aloud.h"
 
 #include <iostream>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "core/session/self_check.h"

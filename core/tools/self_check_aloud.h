@@ -2,7 +2,7 @@
 #ifndef DEPTHTWEEN_CORE_TOOLS_SELF_CHECK_ALOUD_H_
 #define DEPTHTWEEN_CORE_TOOLS_SELF_CHECK_ALOUD_H_
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 
 #include "core/base/status.h"

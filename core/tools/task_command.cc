@@ -1,6 +1,7 @@
 // `depthtween-core task`: the steps of an upsampling as processes of their own. A server runs them as children, so that
 // a crash in a decoder on a hostile file, a memory limit or a cancelled job ends the child alone.
 #include <sys/prctl.h>
+#include <nlohmann/json.hpp>
 
 #include <csignal>
 #include <exception>

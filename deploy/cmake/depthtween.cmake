@@ -8,8 +8,9 @@ set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bin)
 
 find_program(CCACHE_PROGRAM ccache)
 if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
-  # base_dir lets two checkouts share one cache.
-  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${CMAKE_SOURCE_DIR} CCACHE_NOHASHDIR=1 ${CCACHE_PROGRAM})
+  # base_dir lets two checkouts share one cache; without the sloppiness nothing compiled with precompiled headers is kept.
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${CMAKE_SOURCE_DIR} CCACHE_NOHASHDIR=1
+    CCACHE_SLOPPINESS=pch_defines,time_macros ${CCACHE_PROGRAM})
   set(CMAKE_C_COMPILER_LAUNCHER ${CMAKE_CXX_COMPILER_LAUNCHER})
 endif()
 
@@ -65,25 +66,60 @@ endforeach()
 find_package(nlohmann_json REQUIRED)
 find_package(PkgConfig REQUIRED)
 
+# Headers that most sources include, parsed once for each kind of target instead of once for each source:
+#   code   every library          tests      every test program
+#   json   those that speak JSON  rpc_tests  tests of those that speak gRPC
+#   rpc    those that speak gRPC
+# Sources still include what they use; deploy/tidy.sh compiles without precompiled headers.
+set(PRECOMPILED_code <algorithm> <array> <cmath> <cstdint> <cstdlib> <filesystem> <functional> <limits> <map> <memory>
+  <optional> <set> <string> <string_view> <utility> <vector> <absl/status/status.h> <absl/status/statusor.h>
+  <absl/strings/str_cat.h> <absl/strings/str_format.h> <absl/strings/str_join.h> <absl/strings/str_split.h>
+  <Eigen/Core> <Eigen/Geometry>)
+set(PRECOMPILED_json ${PRECOMPILED_code} <absl/time/time.h> <nlohmann/json.hpp>)
+set(PRECOMPILED_rpc ${PRECOMPILED_json} <grpcpp/grpcpp.h>)
+set(PRECOMPILED_tests ${PRECOMPILED_json} <gmock/gmock.h> <gtest/gtest.h>)
+set(PRECOMPILED_rpc_tests ${PRECOMPILED_rpc} <gmock/gmock.h> <gtest/gtest.h>)
+
+# depthtween_precompile(core_flow code): the target's sources are compiled with the headers of that kind.
+function(depthtween_precompile TARGET KIND)
+  if(NOT TARGET precompiled_${KIND})
+    file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/precompiled_${KIND}.cc CONTENT "int main() {}\n")
+    if(KIND MATCHES "tests")
+      # A precompiled header serves code compiled with the very same flags, and programs have others than libraries.
+      add_executable(precompiled_${KIND} EXCLUDE_FROM_ALL ${CMAKE_BINARY_DIR}/precompiled_${KIND}.cc)
+    else()
+      add_library(precompiled_${KIND} OBJECT EXCLUDE_FROM_ALL ${CMAKE_BINARY_DIR}/precompiled_${KIND}.cc)
+    endif()
+    # What its users link may define macros and set flags; the headers must be compiled with the same.
+    target_link_libraries(precompiled_${KIND} PRIVATE depthtween_flags Eigen3::Eigen
+      $<$<BOOL:$<FILTER:${KIND},INCLUDE,rpc>>:gRPC::grpc++> $<$<BOOL:$<FILTER:${KIND},INCLUDE,tests>>:GTest::gmock>)
+    target_precompile_headers(precompiled_${KIND} PRIVATE ${PRECOMPILED_${KIND}})
+  endif()
+  target_include_directories(${TARGET} SYSTEM PRIVATE ${EIGEN3_INCLUDE_DIRS})
+  target_precompile_headers(${TARGET} REUSE_FROM precompiled_${KIND})
+endfunction()
+
 # depthtween_library(core/flow DEPS core_sequence opencv_video ...): the static library core_flow of every .cc in this
-# folder. One library per module, so that a wrong edge fails to link.
+# folder. One library per module, so that a wrong edge fails to link. PRECOMPILED names a kind other than code.
+# FEW_UNITS compiles the sources several at a time: for those that use CLI11, which costs each unit more than our code.
 function(depthtween_library PATH)
-  cmake_parse_arguments(ARG "" "" "DEPS" ${ARGN})
+  cmake_parse_arguments(ARG "FEW_UNITS" "PRECOMPILED" "DEPS" ${ARGN})
   string(REPLACE "/" "_" NAME ${PATH})
   file(GLOB SOURCES CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.cc)
   list(FILTER SOURCES EXCLUDE REGEX "main\\.cc$")
-  if(SOURCES)
-    add_library(${NAME} STATIC ${SOURCES})
-    target_link_libraries(${NAME} PUBLIC depthtween_flags ${ARG_DEPS})
-  else()
-    add_library(${NAME} INTERFACE)
-    target_link_libraries(${NAME} INTERFACE depthtween_flags ${ARG_DEPS})
+  if(NOT ARG_PRECOMPILED)
+    set(ARG_PRECOMPILED code)
   endif()
+  add_library(${NAME} STATIC ${SOURCES})
+  target_link_libraries(${NAME} PUBLIC depthtween_flags ${ARG_DEPS})
+  depthtween_precompile(${NAME} ${ARG_PRECOMPILED})
+  set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${ARG_FEW_UNITS})
 endfunction()
 
-# depthtween_tests(core/flow DEPS core_flow ... [LABELS ...]): one test program core_flow_test of every *_test.cc in this folder.
+# depthtween_tests(core/flow DEPS core_flow ... [LABELS ...]): one test program core_flow_test of every *_test.cc in this
+# folder. PRECOMPILED names a kind other than tests.
 function(depthtween_tests PATH)
-  cmake_parse_arguments(ARG "" "TIMEOUT" "DEPS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "" "TIMEOUT;PRECOMPILED" "DEPS;LABELS" ${ARGN})
   string(REPLACE "/" "_" NAME ${PATH})
   file(GLOB SOURCES CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*_test.cc)
   if(NOT SOURCES)
@@ -92,8 +128,13 @@ function(depthtween_tests PATH)
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 300)
   endif()
+  if(NOT ARG_PRECOMPILED)
+    set(ARG_PRECOMPILED tests)
+  endif()
   add_executable(${NAME}_test ${SOURCES})
   target_link_libraries(${NAME}_test PRIVATE depthtween_flags ${ARG_DEPS} GTest::gmock_main)
+  depthtween_precompile(${NAME}_test ${ARG_PRECOMPILED})
+  set_target_properties(${NAME}_test PROPERTIES UNITY_BUILD ON)
   add_test(NAME ${NAME}_test COMMAND ${NAME}_test)
   set_tests_properties(${NAME}_test PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
 endfunction()

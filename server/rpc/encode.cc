@@ -12,8 +12,6 @@ namespace {
 
 constexpr int kMaxRenders = 16;
 
-absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
-
 v1::Sequence::State Encode(SequenceState state) {
   switch (state) {
     case SequenceState::kUploading:

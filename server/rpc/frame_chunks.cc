@@ -8,7 +8,7 @@
 namespace depthtween::server {
 namespace {
 
-constexpr size_t kChunkBytes = 256 << 10;  // a small part of the 4 MiB of a message; larger ones gain nothing
+constexpr size_t kMessageBytes = 256 << 10;  // a small part of the 4 MiB of a message; larger ones gain nothing
 
 }  // namespace
 
@@ -33,7 +33,7 @@ void FrameChunks::Fill(v1::FrameChunk& chunk) {
   } else {
     chunk.clear_header();
   }
-  const std::string_view data = std::string_view(bytes_).substr(sent_, kChunkBytes);
+  const std::string_view data = std::string_view(bytes_).substr(sent_, kMessageBytes);
   chunk.set_frame(frame_);
   chunk.set_offset(static_cast<int64_t>(sent_));
   chunk.set_data(data.data(), data.size());

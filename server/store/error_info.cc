@@ -9,8 +9,6 @@ namespace {
 
 constexpr char kPayloadType[] = "depthtween/error-info";
 
-absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
-
 }  // namespace
 
 absl::Status WithErrorInfo(absl::Status status, const ErrorInfo& info) {

@@ -8,6 +8,7 @@
 #include <string>
 #include <string_view>
 
+#include "absl/strings/string_view.h"
 #include "core/base/status.h"
 
 namespace depthtween::server {
@@ -35,6 +36,9 @@ struct ErrorInfo {
   std::string reason;
   std::map<std::string, std::string> metadata;
 };
+
+// Debian's Abseil has a string_view of its own, which does not take one of the standard library.
+inline absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
 
 // `status` carrying `info`; replaces an earlier one. OK stays OK.
 absl::Status WithErrorInfo(absl::Status status, const ErrorInfo& info);

@@ -17,8 +17,6 @@ namespace {
 
 constexpr int kDefaultPageSize = 50;
 
-absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
-
 struct Condition {
   std::string field, value;
 };

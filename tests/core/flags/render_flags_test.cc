@@ -2,6 +2,7 @@
 #include "core/flags/render_flags.h"
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <string>

@@ -1,5 +1,7 @@
 #include "core/io/result_folder.h"
 
+#include <nlohmann/json.hpp>
+
 #include "core/io/file.h"
 #include "core/io/npz.h"
 #include "core/io/png.h"

@@ -1,6 +1,7 @@
 #include "core/io/sequence_folder.h"
 
 #include <atomic>
+#include <nlohmann/json.hpp>
 
 #include "core/io/file.h"
 #include "core/io/png.h"
@@ -17,23 +18,23 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-constexpr double kScale = 5000;
+constexpr double kDepthScale = 5000;
 
-// A depth that 16 bits at kScale hold exactly, with an unknown pixel.
+// A depth that 16 bits at kDepthScale hold exactly, with an unknown pixel.
 Image<float> SomeDepth(int frame) {
   Image<uint16_t> units(8, 6);
   for (int y = 0; y < 6; ++y) {
     for (int x = 0; x < 8; ++x) units(x, y) = static_cast<uint16_t>(5000 + 100 * x + 10 * y + frame);
   }
   units(3, 3) = 0;
-  return DequantiseDepth(units, kScale);
+  return DequantiseDepth(units, kDepthScale);
 }
 
 // Four colour frames and two depth frames of their own clock.
 class SequenceFolderTest : public testing::Test {
  protected:
   void SetUp() override {
-    auto writer = SequenceWriter::Create(dir(), SmallCamera(), kScale);
+    auto writer = SequenceWriter::Create(dir(), SmallCamera(), kDepthScale);
     ASSERT_THAT(writer, IsOk());
     for (int i = 0; i < 4; ++i) ASSERT_THAT(writer->AddColor(i * 10000000, NoisyImage<Rgb8>(8, 6, i)), IsOk());
     for (int i = 0; i < 2; ++i) ASSERT_THAT(writer->AddDepth(i * 25000000 + 123, SomeDepth(i)), IsOk());
@@ -44,7 +45,7 @@ class SequenceFolderTest : public testing::Test {
   std::string Path(const std::string& name) const { return dir() + "/" + name; }
   void Append(const std::string& name, const std::string& line) { Put(Path(name), Get(Path(name)) + line + "\n"); }
   void WriteCamera(const std::string& field, const nlohmann::json& value) {
-    nlohmann::json camera = CameraToJson(SmallCamera(), kScale);
+    nlohmann::json camera = CameraToJson(SmallCamera(), kDepthScale);
     camera[field] = value;
     Put(Path("camera.json"), camera.dump());
   }
@@ -73,7 +74,7 @@ TEST_F(SequenceFolderTest, ReadsBackWhatWasWritten) {
   EXPECT_EQ(sequence.color[3].time_ns, 30000000);
   EXPECT_EQ(sequence.color[3].path, "rgb/000003.png");
   EXPECT_EQ(sequence.depth[1].time_ns, 25000123);
-  EXPECT_EQ(sequence.depth_scale, kScale);
+  EXPECT_EQ(sequence.depth_scale, kDepthScale);
   EXPECT_EQ(sequence.camera.fy, 7.25);
   EXPECT_TRUE(SamePixels(*(*folder)->Color(2), NoisyImage<Rgb8>(8, 6, 2)));
   EXPECT_TRUE(SamePixels(*(*folder)->Depth(1), SomeDepth(1)));
@@ -237,7 +238,7 @@ TEST(ImplausibleDepthScale, SaysWhichWouldDo) {
 
 TEST_F(SequenceFolderTest, TruthIsFoundByTheColorsStem) {
   EXPECT_EQ(GroundTruthDepthPath(dir(), "000000"), std::nullopt);
-  auto writer = SequenceWriter::Create(temp_ / "rendered", SmallCamera(), kScale,
+  auto writer = SequenceWriter::Create(temp_ / "rendered", SmallCamera(), kDepthScale,
                                        {.color_format = SequenceWriter::ColorFormat::kJpeg});
   ASSERT_THAT(writer, IsOk());
   EXPECT_THAT(writer->AddTruth(SomeDepth(0)), HasStatus(StatusCode::kFailedPrecondition, HasSubstr("no colour frame")));
@@ -246,17 +247,17 @@ TEST_F(SequenceFolderTest, TruthIsFoundByTheColorsStem) {
   EXPECT_EQ(writer->sequence().color[0].path, "rgb/000000.jpg");
   const auto path = GroundTruthDepthPath(temp_ / "rendered", "000000");
   ASSERT_TRUE(path.has_value());
-  EXPECT_TRUE(SamePixels(DequantiseDepth(*ReadPng16(*path), kScale), SomeDepth(7)));
+  EXPECT_TRUE(SamePixels(DequantiseDepth(*ReadPng16(*path), kDepthScale), SomeDepth(7)));
 }
 
 TEST_F(SequenceFolderTest, WriterRefusesWhatIsNoSequence) {
-  EXPECT_THAT(SequenceWriter::Create(dir(), SmallCamera(), kScale),
+  EXPECT_THAT(SequenceWriter::Create(dir(), SmallCamera(), kDepthScale),
               HasStatus(StatusCode::kAlreadyExists, HasSubstr("rgb.txt")));
-  EXPECT_THAT(SequenceWriter::Create(temp_ / "new", Camera(), kScale),
+  EXPECT_THAT(SequenceWriter::Create(temp_ / "new", Camera(), kDepthScale),
               HasStatus(StatusCode::kInvalidArgument, HasSubstr("camera.width")));
   EXPECT_THAT(SequenceWriter::Create(temp_ / "new", SmallCamera(), 0),
               HasStatus(StatusCode::kInvalidArgument, HasSubstr("depth_scale")));
-  auto writer = SequenceWriter::Create(temp_ / "new", SmallCamera(), kScale);
+  auto writer = SequenceWriter::Create(temp_ / "new", SmallCamera(), kDepthScale);
   ASSERT_THAT(writer, IsOk());
   EXPECT_THAT(writer->AddDepth(0, Image<float>(6, 8)), HasStatus(StatusCode::kInvalidArgument, HasSubstr("6 x 8")));
   EXPECT_THAT(writer->Finish(), HasStatus(StatusCode::kInvalidArgument, HasSubstr("rgb.txt lists no frames")));

@@ -9,12 +9,12 @@
 namespace depthtween {
 namespace {
 
-constexpr int kWidth = 24, kHeight = 16;
+constexpr int kFlowWidth = 24, kFlowHeight = 16;
 
 struct Field {
-  Image<Flow2> flow{kWidth, kHeight};
-  Image<Float3> motion{kWidth, kHeight};
-  Image<uint8_t> valid{kWidth, kHeight, 1};
+  Image<Flow2> flow{kFlowWidth, kFlowHeight};
+  Image<Float3> motion{kFlowWidth, kFlowHeight};
+  Image<uint8_t> valid{kFlowWidth, kFlowHeight, 1};
   MotionField View() const { return {flow, motion, valid}; }
 };
 
@@ -51,10 +51,10 @@ TEST(SceneFlowErrors, NothingScoresZero) {
 // only, the other leaves a column out: counts and errors of every region follow from that.
 TEST(SceneFlowComparison, ScoresCommonPixelsByRegion) {
   Field truth, exact, wrong;
-  Image<float> depth(kWidth, kHeight, 1.0F);
-  Image<uint8_t> hidden(kWidth, kHeight);
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  Image<float> depth(kFlowWidth, kFlowHeight, 1.0F);
+  Image<uint8_t> hidden(kFlowWidth, kFlowHeight);
+  for (int y = 0; y < kFlowHeight; ++y)
+    for (int x = 0; x < kFlowWidth; ++x) {
       if (x >= 12) depth(x, y) = 2.0F, hidden(x, y) = 255, wrong.motion(x, y) = {0.0F, 0.01F, 0.0F};
       if (x < 6) truth.flow(x, y) = exact.flow(x, y) = wrong.flow(x, y) = {1.0F, 0.0F};
       if (x == 20) exact.valid(x, y) = 0;
@@ -66,17 +66,17 @@ TEST(SceneFlowComparison, ScoresCommonPixelsByRegion) {
   comparison.Add({truth.View(), depth, hidden}, std::vector<MotionField>{exact.View(), wrong.View()}, kFarthestTruthM);
   const auto scores = comparison.Scores();
   ASSERT_EQ(scores.size(), 2U);
-  const double with_truth = kWidth * kHeight - 2;
-  EXPECT_NEAR(scores[0].completeness, (with_truth - kHeight) / with_truth, 1e-12);
+  const double with_truth = kFlowWidth * kFlowHeight - 2;
+  EXPECT_NEAR(scores[0].completeness, (with_truth - kFlowHeight) / with_truth, 1e-12);
   EXPECT_EQ(scores[1].completeness, 1.0);
   for (const auto& score : scores) {
-    EXPECT_EQ(score[MotionRegion::kAll].pixels, kWidth * kHeight - 2 - kHeight);
-    EXPECT_EQ(score[MotionRegion::kVisible].pixels, 12 * kHeight - 2);
-    EXPECT_EQ(score[MotionRegion::kHidden].pixels, 11 * kHeight);
-    EXPECT_EQ(score[MotionRegion::kMoving].pixels, 6 * kHeight - 2);
+    EXPECT_EQ(score[MotionRegion::kAll].pixels, kFlowWidth * kFlowHeight - 2 - kFlowHeight);
+    EXPECT_EQ(score[MotionRegion::kVisible].pixels, 12 * kFlowHeight - 2);
+    EXPECT_EQ(score[MotionRegion::kHidden].pixels, 11 * kFlowHeight);
+    EXPECT_EQ(score[MotionRegion::kMoving].pixels, 6 * kFlowHeight - 2);
     // 4 px beside the jump between columns 11 and 12, and around the far pixel.
-    EXPECT_GE(score[MotionRegion::kNearJumps].pixels, 10 * kHeight);
-    EXPECT_LE(score[MotionRegion::kNearJumps].pixels, 10 * kHeight + 6 * 6);
+    EXPECT_GE(score[MotionRegion::kNearJumps].pixels, 10 * kFlowHeight);
+    EXPECT_LE(score[MotionRegion::kNearJumps].pixels, 10 * kFlowHeight + 6 * 6);
   }
   EXPECT_EQ(scores[0][MotionRegion::kAll].epe3d_m, 0.0);
   EXPECT_EQ(scores[1][MotionRegion::kVisible].epe3d_m, 0.0);
@@ -86,11 +86,11 @@ TEST(SceneFlowComparison, ScoresCommonPixelsByRegion) {
 // A plane at 2 m moves 3 px right and to 1 m, in front of what was there; the colours are the columns. The right motion
 // carries depth and colour exactly; standing still gets both wrong.
 TEST(ScoreTransfer, TellsRightMotionFromNone) {
-  const Image<float> from_m(kWidth, kHeight, 2.0F), to_m(kWidth, kHeight, 1.0F);
-  Image<Rgb8> from(kWidth, kHeight), to(kWidth, kHeight);
+  const Image<float> from_m(kFlowWidth, kFlowHeight, 2.0F), to_m(kFlowWidth, kFlowHeight, 1.0F);
+  Image<Rgb8> from(kFlowWidth, kFlowHeight), to(kFlowWidth, kFlowHeight);
   Field right, none;
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < kFlowHeight; ++y)
+    for (int x = 0; x < kFlowWidth; ++x) {
       from(x, y).r = static_cast<uint8_t>(10 * x);
       to(x, y).r = static_cast<uint8_t>(10 * std::max(x - 3, 0));
       right.flow(x, y) = {3.0F, 0.0F};
@@ -99,10 +99,10 @@ TEST(ScoreTransfer, TellsRightMotionFromNone) {
   const std::vector<std::string> names = {"right", "none"};
   const std::vector<MotionField> fields = {right.View(), none.View()};
   const auto scores = ScoreTransfer({from, from_m}, {to, to_m}, names, fields);
-  EXPECT_EQ(scores[0].pixels, (kWidth - 3) * kHeight);
+  EXPECT_EQ(scores[0].pixels, (kFlowWidth - 3) * kFlowHeight);
   EXPECT_EQ(scores[0].depth_error, 0.0);
   EXPECT_EQ(scores[0].color_error, 0.0);
-  EXPECT_NEAR(scores[0].coverage, (kWidth - 3.0) / kWidth, 1e-12);
+  EXPECT_NEAR(scores[0].coverage, (kFlowWidth - 3.0) / kFlowWidth, 1e-12);
   EXPECT_EQ(scores[1].depth_error, kMostTransferError);
   EXPECT_EQ(scores[1].depth_outliers, 1.0);
   EXPECT_NEAR(scores[1].color_error, 10.0, 1e-9);

@@ -59,7 +59,7 @@ TEST(Scores, OfNothingAreZeroNotNan) {
 }
 
 // Left of column `edge` 1 m, from there on 2 m.
-Image<float> Step(int edge) {
+Image<float> DepthStep(int edge) {
   Image<float> depth_m(30, 10, 2.0F);
   for (int y = 0; y < 10; ++y)
     for (int x = 0; x < edge; ++x) depth_m(x, y) = 1.0F;
@@ -70,7 +70,7 @@ Image<float> Step(int edge) {
 TEST(EdgeMatches, ToleratesOnePixel) {
   for (int shift : {0, 1, 2}) {
     EdgeMatches matches;
-    matches.Add(Step(15), Step(15 + shift));
+    matches.Add(DepthStep(15), DepthStep(15 + shift));
     const EdgeScore score = matches.Score();
     EXPECT_EQ(score.true_edges, 10);
     EXPECT_EQ(score.f1, shift <= 1 ? 1.0 : 0.0) << shift;
@@ -80,11 +80,11 @@ TEST(EdgeMatches, ToleratesOnePixel) {
 // All that is found is true (precision 1); of 10 rows of true edge 5 are found and one lies within 1 px of them (recall
 // 6/10): F1 = 2 * 1 * 0.6 / 1.6.
 TEST(EdgeMatches, IsTheHarmonicMeanOfPrecisionAndRecall) {
-  Image<float> half = Step(15);
+  Image<float> half = DepthStep(15);
   for (int y = 5; y < 10; ++y)
     for (int x = 0; x < 30; ++x) half(x, y) = 0.0F;
   EdgeMatches matches;
-  matches.Add(Step(15), half);
+  matches.Add(DepthStep(15), half);
   const EdgeScore score = matches.Score();
   EXPECT_EQ(score.precision, 1.0);
   EXPECT_NEAR(score.recall, 0.6, 1e-12);

@@ -11,14 +11,14 @@
 namespace depthtween {
 namespace {
 
-constexpr int kWidth = 96, kHeight = 64;
+constexpr int kFrameWidth = 96, kFrameHeight = 64;
 constexpr Rgb8 kRed = {255, 0, 0};
 
 // A red square at 1 m before a wall of greens and blues at 2 m; its outermost pixels are half wall, as a lens gives
 // them, and belong to the wall by depth.
 struct Stage {
-  Image<Rgb8> wall{kWidth, kHeight}, color{kWidth, kHeight};
-  Image<float> depth_m{kWidth, kHeight, 2.0F};
+  Image<Rgb8> wall{kFrameWidth, kFrameHeight}, color{kFrameWidth, kFrameHeight};
+  Image<float> depth_m{kFrameWidth, kFrameHeight, 2.0F};
   RenderView View() const { return {color, depth_m}; }
 };
 
@@ -26,8 +26,8 @@ bool OnSquare(int x, int y) { return x >= 30 && x < 60 && y >= 20 && y < 50; }
 
 Stage MakeStage() {
   Stage stage;
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) {
       const Rgb8 wall = {0, static_cast<uint8_t>(40 + x), static_cast<uint8_t>(200 - 2 * y)};
       stage.wall(x, y) = stage.color(x, y) = wall;
       if (OnSquare(x, y)) {
@@ -42,8 +42,8 @@ Stage MakeStage() {
 TEST(HiddenBackground, ReachesAsFarAsAskedAndNoFarther) {
   const Stage stage = MakeStage();
   const HiddenBackground hidden = FindHiddenBackground(stage.View(), {}, {.reach_px = 6}, 1);
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) {
       const bool near_edge = OnSquare(x, y) && (x < 36 || x >= 54 || y < 26 || y >= 44);
       const bool guard = !OnSquare(x, y) && x >= 29 && x <= 60 && y >= 19 && y <= 50;
       EXPECT_EQ(hidden.source(x, y), near_edge || guard ? kHiddenInferred : 0) << x << " " << y;
@@ -56,8 +56,8 @@ TEST(HiddenBackground, LooksOnTheSidesAskedFor) {
   const Stage stage = MakeStage();
   for (const EdgeSides sides : {EdgeSides::kLeft, EdgeSides::kRight, EdgeSides::kLeftAndRight}) {
     const HiddenBackground hidden = FindHiddenBackground(stage.View(), {}, {.sides = sides, .reach_px = 6}, 1);
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) {
+    for (int y = 0; y < kFrameHeight; ++y)
+      for (int x = 0; x < kFrameWidth; ++x) {
         if (!OnSquare(x, y)) continue;
         const bool wanted = (sides != EdgeSides::kRight && x < 36) || (sides != EdgeSides::kLeft && x >= 54);
         EXPECT_EQ(hidden.source(x, y), wanted ? kHiddenInferred : 0) << x << " " << y;
@@ -70,8 +70,8 @@ TEST(HiddenBackground, TakesNoColourOfTheForeground) {
   const HiddenBackground hidden = FindHiddenBackground(stage.View(), {}, {.reach_px = 15}, 1);
   double error = 0;
   int pixels = 0;
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) {
       if (hidden.source(x, y) == 0) continue;
       EXPECT_EQ(hidden.color(x, y).r, 0) << x << " " << y;
       error +=
@@ -85,8 +85,8 @@ TEST(HiddenBackground, TakesNoColourOfTheForeground) {
 // Between a near and a far layer stands a third: what is behind it must not become what is behind the near one.
 TEST(HiddenBackground, KeepsLayersApart) {
   Stage stage;
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) {
       const bool near = x >= 40 && x < 56, middle = y >= 32;
       stage.depth_m(x, y) = near ? 1.0F : middle ? 2.0F : 4.0F;
       stage.color(x, y) = near ? Rgb8{255, 0, 0} : middle ? Rgb8{0, 255, 0} : Rgb8{0, 0, 255};
@@ -104,11 +104,11 @@ TEST(HiddenBackground, KeepsLayersApart) {
 // is.
 TEST(HiddenBackground, TakesFromAnotherFrameWhatIsSeenThere) {
   const Stage stage = MakeStage();
-  Image<Rgb8> other_color(kWidth, kHeight);
-  Image<float> other_depth_m(kWidth, kHeight, 2.0F);
-  Image<Flow2> motion(kWidth, kHeight, Flow2{2, 1});
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  Image<Rgb8> other_color(kFrameWidth, kFrameHeight);
+  Image<float> other_depth_m(kFrameWidth, kFrameHeight, 2.0F);
+  Image<Flow2> motion(kFrameWidth, kFrameHeight, Flow2{2, 1});
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) {
       other_color(x, y) = stage.wall.view().Clamped(x - 2, y - 1);
       if (OnSquare(x + 24, y)) other_color(x, y) = kRed, other_depth_m(x, y) = 1.0F;
       if (OnSquare(x - 5, y) || OnSquare(x + 5, y)) motion(x, y) = {-24, 0};
@@ -116,8 +116,8 @@ TEST(HiddenBackground, TakesFromAnotherFrameWhatIsSeenThere) {
   const NeighborFrame other{{other_color, other_depth_m}, motion};
   const HiddenBackground hidden = FindHiddenBackground(stage.View(), {other}, {.reach_px = 15}, 2);
   int seen = 0;
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) {
       EXPECT_NE(hidden.color(x, y), kRed);
       if (!OnSquare(x, y) || hidden.source(x, y) == 0) continue;
       // There the wall must lie a pixel clear of the square: its right edge is at 36.
@@ -134,18 +134,18 @@ TEST(HiddenBackground, TakesFromAnotherFrameWhatIsSeenThere) {
 // A frame that shows another layer where the background should be shows nothing of it.
 TEST(HiddenBackground, DoesNotTakeAnotherLayer) {
   const Stage stage = MakeStage();
-  const Image<Flow2> still(kWidth, kHeight);
+  const Image<Flow2> still(kFrameWidth, kFrameHeight);
   const HiddenBackground hidden = FindHiddenBackground(stage.View(), {{stage.View(), still}}, {}, 1);
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) EXPECT_NE(hidden.source(x, y), kHiddenSeen);
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) EXPECT_NE(hidden.source(x, y), kHiddenSeen);
 }
 
 TEST(HiddenBackground, DoesNotDependOnThreads) {
   const Stage stage = MakeStage();
   const HiddenBackground one = FindHiddenBackground(stage.View(), {}, {}, 1);
   const HiddenBackground three = FindHiddenBackground(stage.View(), {}, {}, 3);
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) {
       EXPECT_EQ(one.color(x, y), three.color(x, y));
       EXPECT_EQ(one.depth_m(x, y), three.depth_m(x, y));
     }
@@ -154,10 +154,10 @@ TEST(HiddenBackground, DoesNotDependOnThreads) {
 TEST(HiddenBackground, FlatAndUnknownDepthHideNothing) {
   Stage stage = MakeStage();
   stage.depth_m.Fill(2.0F);
-  for (int x = 0; x < kWidth; ++x) stage.depth_m(x, 10) = 0.0F;
+  for (int x = 0; x < kFrameWidth; ++x) stage.depth_m(x, 10) = 0.0F;
   const HiddenBackground hidden = FindHiddenBackground(stage.View(), {}, {}, 1);
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) EXPECT_EQ(hidden.source(x, y), 0);
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) EXPECT_EQ(hidden.source(x, y), 0);
 }
 
 TEST(HiddenBackgroundOptions, NameTheField) {

@@ -11,12 +11,12 @@
 namespace depthtween {
 namespace {
 
-constexpr int kWidth = 6, kHeight = 4;
+constexpr int kEyeWidth = 6, kEyeHeight = 4;
 
 StereoPair TestPair() {
-  StereoPair pair{Image<Rgb8>(kWidth, kHeight), Image<Rgb8>(kWidth, kHeight)};
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  StereoPair pair{Image<Rgb8>(kEyeWidth, kEyeHeight), Image<Rgb8>(kEyeWidth, kEyeHeight)};
+  for (int y = 0; y < kEyeHeight; ++y)
+    for (int x = 0; x < kEyeWidth; ++x) {
       pair.left(x, y) = {static_cast<uint8_t>(10 * x), static_cast<uint8_t>(20 * y), 7};
       pair.right(x, y) = {static_cast<uint8_t>(10 * x), static_cast<uint8_t>(20 * y), 200};
     }
@@ -31,14 +31,14 @@ TEST(StereoFormat, LeftEyeComesFirst) {
   const StereoPair pair = TestPair();
   const Image<Rgb8> beside = std::move(PackStereo(StereoFormat::kFullSbs, pair)[0]);
   const Image<Rgb8> above = std::move(PackStereo(StereoFormat::kFullTb, pair)[0]);
-  ASSERT_EQ(beside.width(), 2 * kWidth);
-  ASSERT_EQ(above.height(), 2 * kHeight);
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  ASSERT_EQ(beside.width(), 2 * kEyeWidth);
+  ASSERT_EQ(above.height(), 2 * kEyeHeight);
+  for (int y = 0; y < kEyeHeight; ++y)
+    for (int x = 0; x < kEyeWidth; ++x) {
       EXPECT_EQ(beside(x, y), pair.left(x, y));
-      EXPECT_EQ(beside(x + kWidth, y), pair.right(x, y));
+      EXPECT_EQ(beside(x + kEyeWidth, y), pair.right(x, y));
       EXPECT_EQ(above(x, y), pair.left(x, y));
-      EXPECT_EQ(above(x, y + kHeight), pair.right(x, y));
+      EXPECT_EQ(above(x, y + kEyeHeight), pair.right(x, y));
     }
   const std::vector<Image<Rgb8>> separate = PackStereo(StereoFormat::kSeparate, pair);
   ASSERT_EQ(separate.size(), 2U);
@@ -47,8 +47,8 @@ TEST(StereoFormat, LeftEyeComesFirst) {
 }
 
 TEST(StereoFormat, HalvesKeepTheSizeAndConstants) {
-  for (const auto& [format, width, height] :
-       {std::tuple{StereoFormat::kHalfSbs, kWidth, kHeight}, std::tuple{StereoFormat::kHalfTb, kWidth, kHeight}}) {
+  for (const auto& [format, width, height] : {std::tuple{StereoFormat::kHalfSbs, kEyeWidth, kEyeHeight},
+                                              std::tuple{StereoFormat::kHalfTb, kEyeWidth, kEyeHeight}}) {
     const Image<Rgb8> packed = std::move(PackStereo(format, TestPair())[0]);
     EXPECT_EQ(packed.width(), width);
     EXPECT_EQ(packed.height(), height);

@@ -10,7 +10,7 @@
 namespace depthtween {
 namespace {
 
-constexpr int kWidth = 96, kHeight = 64;
+constexpr int kFrameWidth = 96, kFrameHeight = 64;
 constexpr int kShift = 24;  // beyond what is searched, 0.2 of the width
 constexpr float kDepthM = 2.0F;
 
@@ -24,23 +24,23 @@ uint8_t Level(int x, int y, int channel) {
 class MovingWall {
  public:
   MovingWall() {
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) {
+    for (int y = 0; y < kFrameHeight; ++y)
+      for (int x = 0; x < kFrameWidth; ++x) {
         from_(x, y) = {Level(x, y, 0), Level(x, y, 1), Level(x, y, 2)};
         to_(x, y) = {Level(x - kShift, y, 0), Level(x - kShift, y, 1), Level(x - kShift, y, 2)};
       }
     pair_.from.color = from_, pair_.to.color = to_;
-    pair_.from.depth_m = Image<float>(kWidth, kHeight, kDepthM);
-    pair_.to.depth_m = Image<float>(kWidth, kHeight, kDepthM);
-    pair_.from.distance = Image<float>(kWidth, kHeight);
-    pair_.to.distance = Image<float>(kWidth, kHeight);
+    pair_.from.depth_m = Image<float>(kFrameWidth, kFrameHeight, kDepthM);
+    pair_.to.depth_m = Image<float>(kFrameWidth, kFrameHeight, kDepthM);
+    pair_.from.distance = Image<float>(kFrameWidth, kFrameHeight);
+    pair_.to.distance = Image<float>(kFrameWidth, kFrameHeight);
   }
 
   // Of every pixel, that it went `shift` pixels to the right.
   Image<PointMatch> Matches(float shift, float weight) const {
-    Image<PointMatch> matches(kWidth, kHeight);
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x)
+    Image<PointMatch> matches(kFrameWidth, kFrameHeight);
+    for (int y = 0; y < kFrameHeight; ++y)
+      for (int x = 0; x < kFrameWidth; ++x)
         matches(x, y) = {.point = pair_.rays.Point(x, y, kDepthM),
                          .place = {static_cast<float>(x) + shift, static_cast<float>(y)},
                          .depth_m = kDepthM,
@@ -50,7 +50,7 @@ class MovingWall {
   }
 
   SurfaceWindows Fit(const Image<PointMatch>& matches, const Image<PointMatch>& proposal) const {
-    const Image<int> labels(kWidth, kHeight);
+    const Image<int> labels(kFrameWidth, kFrameHeight);
     const std::array<const Image<PointMatch>*, 1> proposals = {&proposal};
     return FitSurfaceWindows(pair_, labels, ToFloats(from_), ToFloats(to_), matches, proposals);
   }
@@ -61,8 +61,8 @@ class MovingWall {
   }
 
  private:
-  const Camera camera_{.width = kWidth, .height = kHeight, .fx = 90, .fy = 90, .cx = 47.5, .cy = 31.5};
-  Image<Rgb8> from_{kWidth, kHeight}, to_{kWidth, kHeight};
+  const Camera camera_{.width = kFrameWidth, .height = kFrameHeight, .fx = 90, .fy = 90, .cx = 47.5, .cy = 31.5};
+  Image<Rgb8> from_{kFrameWidth, kFrameHeight}, to_{kFrameWidth, kFrameHeight};
   FramePair pair_{.rays = PixelRays(camera_), .to_rays = PixelRays(camera_), .noise = {.a_m = 0.002F, .b_per_m = 0.0F}};
 };
 

@@ -1,5 +1,7 @@
 #include "core/sequence/clock_estimate.h"
 
+#include <nlohmann/json.hpp>
+
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 

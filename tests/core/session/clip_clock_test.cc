@@ -1,5 +1,6 @@
 #include "core/session/clip_clock.h"
 
+#include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
 

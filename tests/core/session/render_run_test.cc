@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include <filesystem>
 
@@ -17,7 +18,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kFrames = 16, kWidth = 64, kHeight = 48;
+constexpr int kFrames = 16, kFrameWidth = 64, kFrameHeight = 48;
 constexpr float kWall = 4.0F, kBox = 2.0F;
 
 int BoxLeft(int frame) { return 8 + 2 * frame; }
@@ -28,34 +29,34 @@ class RenderRun : public testing::Test {
  protected:
   void SetUp() override {
     Sequence sequence = {
-        .camera = {.width = kWidth, .height = kHeight, .fx = 60, .fy = 60, .cx = 31.5, .cy = 23.5},
+        .camera = {.width = kFrameWidth, .height = kFrameHeight, .fx = 60, .fy = 60, .cx = 31.5, .cy = 23.5},
         .depth_scale = 1000,
     };
     std::vector<Image<Rgb8>> colors;
     for (int i = 0; i < kFrames; ++i) {
       sequence.color.push_back({i * 4'166'667LL, "rgb/" + std::to_string(100 + i) + ".png"});
-      Image<Rgb8>& color = colors.emplace_back(kWidth, kHeight);
-      for (int y = 0; y < kHeight; ++y)
-        for (int x = 0; x < kWidth; ++x)
+      Image<Rgb8>& color = colors.emplace_back(kFrameWidth, kFrameHeight);
+      for (int y = 0; y < kFrameHeight; ++y)
+        for (int x = 0; x < kFrameWidth; ++x)
           color(x, y) = InBox(i, x, y) ? Rgb8{220, 60, 40}
                                        : Rgb8{static_cast<uint8_t>(40 + 3 * x), static_cast<uint8_t>(60 + 2 * y), 90};
     }
     sequence.depth = {{0, "depth/0.png"}};
     std::vector<Image<float>> depth;
-    depth.push_back(Image<float>(kWidth, kHeight, kWall));
+    depth.push_back(Image<float>(kFrameWidth, kFrameHeight, kWall));
     const auto writer = ResultWriter::Create(scratch_.path(), sequence, /*with_motion=*/true);
     ASSERT_TRUE(writer.ok()) << writer.status();
     for (int i = 0; i < kFrames; ++i) {
       DepthResult result = {.color_index = i,
-                            .depth_m = Image<float>(kWidth, kHeight, kWall),
-                            .sigma_m = Image<float>(kWidth, kHeight, 0.01F),
-                            .provenance = Image<Provenance>(kWidth, kHeight, Provenance::kBoth)};
+                            .depth_m = Image<float>(kFrameWidth, kFrameHeight, kWall),
+                            .sigma_m = Image<float>(kFrameWidth, kFrameHeight, 0.01F),
+                            .provenance = Image<Provenance>(kFrameWidth, kFrameHeight, Provenance::kBoth)};
       if (i + 1 < kFrames) {
-        result.motion_next = Image<Flow2>(kWidth, kHeight);
-        result.motion_back = Image<Flow2>(kWidth, kHeight);
+        result.motion_next = Image<Flow2>(kFrameWidth, kFrameHeight);
+        result.motion_back = Image<Flow2>(kFrameWidth, kFrameHeight);
       }
-      for (int y = 0; y < kHeight; ++y)
-        for (int x = 0; x < kWidth; ++x) {
+      for (int y = 0; y < kFrameHeight; ++y)
+        for (int x = 0; x < kFrameWidth; ++x) {
           if (InBox(i, x, y)) result.depth_m(x, y) = kBox;
           if (i + 1 == kFrames) continue;
           if (InBox(i, x, y)) result.motion_next(x, y) = {2, 0};
@@ -218,8 +219,8 @@ TEST_F(RenderRun, VideosAreMadeOfTheStoredPictures) {
   ASSERT_TRUE(folders.ok()) << folders.status();
   for (const FrameRef& frame : source_->sequence().color) {
     std::vector<Image<Rgb8>> eyes;
-    eyes.emplace_back(kWidth, kHeight, Rgb8{1, 2, 3});
-    eyes.emplace_back(kWidth, kHeight, Rgb8{4, 5, 6});
+    eyes.emplace_back(kFrameWidth, kFrameHeight, Rgb8{1, 2, 3});
+    eyes.emplace_back(kFrameWidth, kFrameHeight, Rgb8{4, 5, 6});
     ASSERT_EQ(folders->Write(frame.Stem(), eyes), absl::OkStatus());
   }
   ASSERT_EQ(AssembleVideos(out.path(), *options, *plan, source_->sequence(), {}), absl::OkStatus());

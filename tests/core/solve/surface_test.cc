@@ -8,7 +8,7 @@
 namespace depthtween {
 namespace {
 
-constexpr Camera kCamera{.width = 32, .height = 24, .fx = 40, .fy = 40, .cx = 15.5, .cy = 11.5};
+constexpr Camera kSurfaceCamera{.width = 32, .height = 24, .fx = 40, .fy = 40, .cx = 15.5, .cy = 11.5};
 
 // z = 2 + 0.5 x (metres): along a ray x = z u, z = 2/(1 - u/2).
 Image<float> Slant() {
@@ -20,7 +20,7 @@ Image<float> Slant() {
 
 TEST(Surface, DepthAndNormalOfASlant) {
   const Image<float> depth = Slant();
-  const IdealPixels pixels(kCamera);
+  const IdealPixels pixels(kSurfaceCamera);
   EXPECT_NEAR(DepthBetweenPixels(depth, 10.3F, 7.6F, {}), 2.0 / (1 - 0.5 * (10.3 - 15.5) / 40), 1e-5);
   const Triple<float> normal = NormalAt(depth, pixels, 16, 12, 2, {});
   const double length = std::sqrt(1.25);
@@ -35,7 +35,7 @@ TEST(Surface, NeverMixesLayers) {
     for (int x = 16; x < 32; ++x) depth(x, y) = 3.0F;
   EXPECT_EQ(DepthBetweenPixels(depth, 15.4F, 5, {}), 1.0F);
   EXPECT_EQ(DepthBetweenPixels(depth, 15.6F, 5, {}), 3.0F);
-  EXPECT_NEAR(NormalAt(depth, IdealPixels(kCamera), 15, 5, 2, {}).z, -1, 1e-5);
+  EXPECT_NEAR(NormalAt(depth, IdealPixels(kSurfaceCamera), 15, 5, 2, {}).z, -1, 1e-5);
   EXPECT_EQ(DepthBetweenPixels(depth, -3, 5, {}), 0.0F);
 }
 

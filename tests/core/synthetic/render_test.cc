@@ -13,14 +13,14 @@
 namespace depthtween {
 namespace {
 
-constexpr Camera kCamera{.width = 160, .height = 132, .fx = 114, .fy = 114, .cx = 79.5, .cy = 65.5};
+constexpr Camera kRenderCamera{.width = 160, .height = 132, .fx = 114, .fy = 114, .cx = 79.5, .cy = 65.5};
 
 std::unique_ptr<Scene> Make(std::string_view name, uint64_t seed = 1) { return *MakeScene(name, seed); }
 
 // Whether the four pixels around a place show one object without a depth jump.
 bool WithinOneSurface(const SurfaceTruth& surface, float u, float v, int object) {
   const int x0 = static_cast<int>(std::floor(u)), y0 = static_cast<int>(std::floor(v));
-  if (x0 < 0 || y0 < 0 || x0 + 1 >= kCamera.width || y0 + 1 >= kCamera.height) return false;
+  if (x0 < 0 || y0 < 0 || x0 + 1 >= kRenderCamera.width || y0 + 1 >= kRenderCamera.height) return false;
   float low = 1e9F, high = 0.0F;
   for (int y = y0; y <= y0 + 1; ++y)
     for (int x = x0; x <= x0 + 1; ++x) {
@@ -56,13 +56,13 @@ TEST_P(EveryScene, OwnFlowWarpsOwnDepthWithoutError) {
   const auto scene = Make(GetParam());
   for (const auto& [t0, t1] :
        {std::pair{0.0, 1 / 240.0}, std::pair{0.05, 0.05 + 1 / 30.0}, std::pair{0.1, 0.1 - 1 / 30.0}}) {
-    const Renderer from = RendererAt(*scene, kCamera, t0), to = RendererAt(*scene, kCamera, t1);
+    const Renderer from = RendererAt(*scene, kRenderCamera, t0), to = RendererAt(*scene, kRenderCamera, t1);
     const SurfaceTruth here = from.Surface(1), there = to.Surface(1);
     const MotionTruth motion = from.MotionTo(to, 1);
     int visible = 0, wrong = 0;
     std::vector<double> sampled_error;  // relative
-    for (int y = 0; y < kCamera.height; ++y)
-      for (int x = 0; x < kCamera.width; ++x) {
+    for (int y = 0; y < kRenderCamera.height; ++y)
+      for (int x = 0; x < kRenderCamera.width; ++x) {
         ASSERT_GT(here.depth_m(x, y), 0) << "rooms are closed";
         ASSERT_TRUE(motion.valid(x, y));
         if (motion.occluded(x, y)) continue;
@@ -79,7 +79,7 @@ TEST_P(EveryScene, OwnFlowWarpsOwnDepthWithoutError) {
         if (!WithinOneSurface(there, u, v, here.object(x, y))) continue;
         sampled_error.push_back(std::abs(SampleInverse(there.depth_m, u, v) - expected) / expected);
       }
-    EXPECT_GT(visible, 0.9 * kCamera.width * kCamera.height);
+    EXPECT_GT(visible, 0.9 * kRenderCamera.width * kRenderCamera.height);
     EXPECT_LE(wrong, 2) << "of " << visible;
     EXPECT_GT(sampled_error.size(), 0.7 * visible);
     std::sort(sampled_error.begin(), sampled_error.end());
@@ -91,13 +91,13 @@ TEST_P(EveryScene, OwnFlowWarpsOwnDepthWithoutError) {
 // Following a point over two steps or in one must lead to the same place.
 TEST_P(EveryScene, FlowsCompose) {
   const auto scene = Make(GetParam());
-  const Renderer a = RendererAt(*scene, kCamera, 0.03), b = RendererAt(*scene, kCamera, 0.04),
-                 c = RendererAt(*scene, kCamera, 0.05);
+  const Renderer a = RendererAt(*scene, kRenderCamera, 0.03), b = RendererAt(*scene, kRenderCamera, 0.04),
+                 c = RendererAt(*scene, kRenderCamera, 0.05);
   const MotionTruth ab = a.MotionTo(b, 1), bc = b.MotionTo(c, 1), ac = a.MotionTo(c, 1);
   const SurfaceTruth surface_a = a.Surface(1), surface_b = b.Surface(1);
   int compared = 0, wrong = 0;
-  for (int y = 0; y < kCamera.height; ++y)
-    for (int x = 0; x < kCamera.width; ++x) {
+  for (int y = 0; y < kRenderCamera.height; ++y)
+    for (int x = 0; x < kRenderCamera.width; ++x) {
       if (ab.occluded(x, y)) continue;
       const float u = x + ab.flow(x, y).u, v = y + ab.flow(x, y).v;
       if (!WithinOneSurface(surface_b, u, v, surface_a.object(x, y))) continue;
@@ -120,18 +120,18 @@ TEST_P(EveryScene, FlowsCompose) {
     }
   // A fold of cloth may put two layers of one object into four pixels.
   EXPECT_LE(wrong, 5) << "of " << compared;
-  EXPECT_GT(compared, 0.5 * kCamera.width * kCamera.height);
+  EXPECT_GT(compared, 0.5 * kRenderCamera.width * kRenderCamera.height);
 }
 
 TEST_P(EveryScene, MovesAsItsBodiesSay) {
   const auto scene = Make(GetParam());
-  const Renderer a = RendererAt(*scene, kCamera, 0.0), b = RendererAt(*scene, kCamera, 1 / 240.0);
+  const Renderer a = RendererAt(*scene, kRenderCamera, 0.0), b = RendererAt(*scene, kRenderCamera, 1 / 240.0);
   const SurfaceTruth surface = a.Surface(1);
   const MotionTruth motion = a.MotionTo(b, 1);
   const bool camera_moves = !scene->WorldFromCamera(0.0).isApprox(scene->WorldFromCamera(1 / 240.0), 1e-12);
   double fastest = 0.0;
-  for (int y = 0; y < kCamera.height; ++y)
-    for (int x = 0; x < kCamera.width; ++x) {
+  for (int y = 0; y < kRenderCamera.height; ++y)
+    for (int x = 0; x < kRenderCamera.width; ++x) {
       const double length = std::hypot(motion.flow(x, y).u, motion.flow(x, y).v);
       fastest = std::max(fastest, length);
       if (!camera_moves && !scene->bodies()[surface.object(x, y) - 1].moves) {
@@ -149,16 +149,16 @@ TEST_P(EveryScene, MovesAsItsBodiesSay) {
 
 TEST_P(EveryScene, IsTexturedInDaylight) {
   const auto scene = Make(GetParam());
-  const Image<Rgb8> color = RendererAt(*scene, kCamera, 0.02).Color(2);
+  const Image<Rgb8> color = RendererAt(*scene, kRenderCamera, 0.02).Color(2);
   int dark = 0, bright = 0, textured = 0;
-  for (int y = 0; y + 1 < kCamera.height; ++y)
-    for (int x = 0; x + 1 < kCamera.width; ++x) {
+  for (int y = 0; y + 1 < kRenderCamera.height; ++y)
+    for (int x = 0; x + 1 < kRenderCamera.width; ++x) {
       const int grey = (color(x, y).r + 2 * color(x, y).g + color(x, y).b) / 4;
       dark += grey < 16;
       bright += grey > 250;
       textured += std::abs(color(x, y).g - color(x + 1, y).g) + std::abs(color(x, y).g - color(x, y + 1).g) > 4;
     }
-  const double pixels = kCamera.width * kCamera.height;
+  const double pixels = kRenderCamera.width * kRenderCamera.height;
   EXPECT_LT(dark / pixels, 0.02);
   EXPECT_LT(bright / pixels, 0.02);
   EXPECT_GT(textured / pixels, 0.25);
@@ -166,14 +166,14 @@ TEST_P(EveryScene, IsTexturedInDaylight) {
 
 TEST(Renderer, DoesNotDependOnThreads) {
   const auto scene = Make("kick");
-  const Renderer view = RendererAt(*scene, kCamera, 0.1);
+  const Renderer view = RendererAt(*scene, kRenderCamera, 0.1);
   const Image<Rgb8> one = view.Color(1), three = view.Color(3);
   EXPECT_TRUE(std::equal(one.data(), one.data() + one.pixel_count(), three.data()));
 }
 
 TEST(Renderer, AnotherSeedHasOtherTexturesOnTheSameShapes) {
   const auto one = Make("bounce", 1), two = Make("bounce", 2);
-  const Renderer a = RendererAt(*one, kCamera, 0), b = RendererAt(*two, kCamera, 0);
+  const Renderer a = RendererAt(*one, kRenderCamera, 0), b = RendererAt(*two, kRenderCamera, 0);
   const Image<Rgb8> color_a = a.Color(1), color_b = b.Color(1);
   const SurfaceTruth truth_a = a.Surface(1), truth_b = b.Surface(1);
   EXPECT_FALSE(std::equal(color_a.data(), color_a.data() + color_a.pixel_count(), color_b.data()));
@@ -189,19 +189,19 @@ TEST(Renderer, HidesWhatAMovingBoxComesToCover) {
   const int box = scene.AddBody("box", [](double t) { return At(0.2 * t, 2.1, 0); });
   scene.AddPart(box, MakeBox(1.0, 0.2, 0.8), Affine::Identity(), {});
   scene.SetCamera([](double) { return LookAt(Vec3::Zero(), {0, 1, 0}); });
-  const Renderer before = RendererAt(scene, kCamera, 0), after = RendererAt(scene, kCamera, 1);
+  const Renderer before = RendererAt(scene, kRenderCamera, 0), after = RendererAt(scene, kRenderCamera, 1);
   const SurfaceTruth surface = before.Surface(1);
   const MotionTruth motion = before.MotionTo(after, 1);
   int hidden = 0;
-  for (int y = 0; y < kCamera.height; ++y)
-    for (int x = 0; x < kCamera.width; ++x) {
-      const Vec3 at_face = kCamera.Unproject(Vec2(x, y), 2.0);
+  for (int y = 0; y < kRenderCamera.height; ++y)
+    for (int x = 0; x < kRenderCamera.width; ++x) {
+      const Vec3 at_face = kRenderCamera.Unproject(Vec2(x, y), 2.0);
       const bool in_height = std::abs(at_face.y()) <= 0.4;
       const bool on_box = in_height && std::abs(at_face.x()) <= 0.5;
       const bool on_moved_box = in_height && std::abs(at_face.x() - 0.2) <= 0.5;
       ASSERT_EQ(surface.object(x, y), on_box ? 2 : 1);
       EXPECT_FLOAT_EQ(surface.depth_m(x, y), on_box ? 2.0F : 4.0F);
-      EXPECT_NEAR(motion.flow(x, y).u, on_box ? kCamera.fx * 0.2 / 2.0 : 0.0, 1e-5);
+      EXPECT_NEAR(motion.flow(x, y).u, on_box ? kRenderCamera.fx * 0.2 / 2.0 : 0.0, 1e-5);
       EXPECT_NEAR(motion.flow(x, y).v, 0, 1e-5);
       EXPECT_NEAR(motion.scene_flow(x, y).x, on_box ? 0.2 : 0.0, 1e-6);
       EXPECT_EQ(motion.occluded(x, y) != 0, !on_box && on_moved_box) << x << " " << y;
@@ -215,10 +215,10 @@ TEST(Renderer, CountsWhatLeavesThePictureAsOccluded) {
   Scene scene("wall");
   scene.AddPart(scene.AddBody("wall"), MakeBox(40, 0.2, 40), At(0, 4.1, 0), {});
   scene.SetCamera([](double t) { return LookAt(Vec3(0.99 * t, 0, 0), Vec3(0.99 * t, 1, 0)); });
-  const Renderer a = RendererAt(scene, kCamera, 0), b = RendererAt(scene, kCamera, 1);
+  const Renderer a = RendererAt(scene, kRenderCamera, 0), b = RendererAt(scene, kRenderCamera, 1);
   const MotionTruth motion = a.MotionTo(b, 1);
-  for (int x = 0; x < kCamera.width; ++x) {
-    EXPECT_NEAR(motion.flow(x, 60).u, -kCamera.fx * 0.99 / 4.0, 1e-4);  // 28.215 px
+  for (int x = 0; x < kRenderCamera.width; ++x) {
+    EXPECT_NEAR(motion.flow(x, 60).u, -kRenderCamera.fx * 0.99 / 4.0, 1e-4);  // 28.215 px
     EXPECT_EQ(motion.occluded(x, 60) != 0, x - 28.215 < -0.5) << x;
     EXPECT_TRUE(motion.valid(x, 60));
   }
@@ -227,14 +227,14 @@ TEST(Renderer, CountsWhatLeavesThePictureAsOccluded) {
 // A lens bends rays, not depth: what the distorted camera sees at a pixel lies on that pixel's ray.
 TEST(Renderer, FollowsADistortedLens) {
   const auto scene = Make("pan");
-  Camera lens = kCamera;
+  Camera lens = kRenderCamera;
   lens.k1 = -0.12;
   lens.k2 = 0.03;
   lens.p1 = 0.002;
-  const Renderer bent = RendererAt(*scene, lens, 0), straight = RendererAt(*scene, kCamera, 0);
+  const Renderer bent = RendererAt(*scene, lens, 0), straight = RendererAt(*scene, kRenderCamera, 0);
   for (int y = 2; y < lens.height; y += 9)
     for (int x = 2; x < lens.width; x += 9) {
-      const Vec2 ideal = kCamera.Project(lens.Unproject(Vec2(x, y), 1.0));
+      const Vec2 ideal = kRenderCamera.Project(lens.Unproject(Vec2(x, y), 1.0));
       if (ideal.x() < 0 || ideal.y() < 0 || ideal.x() > 159 || ideal.y() > 131) continue;
       EXPECT_NEAR(bent.DepthAt(Vec2(x, y)), straight.DepthAt(ideal), 1e-6);
     }
@@ -246,12 +246,12 @@ TEST(Renderer, RendersFromAnyPose) {
   const Pose left = scene->WorldFromCamera(0.2);
   const double baseline = 0.06;
   const Pose right = left * Eigen::Translation3d(baseline, 0, 0);
-  const Renderer a(*scene, kCamera, left, 0.2), b(*scene, kCamera, right, 0.2);
+  const Renderer a(*scene, kRenderCamera, left, 0.2), b(*scene, kRenderCamera, right, 0.2);
   const SurfaceTruth surface = a.Surface(1);
   const MotionTruth motion = a.MotionTo(b, 1);
-  for (int y = 0; y < kCamera.height; ++y)
-    for (int x = 0; x < kCamera.width; ++x) {
-      EXPECT_NEAR(-kCamera.fx * baseline / motion.flow(x, y).u, surface.depth_m(x, y), 1e-3);
+  for (int y = 0; y < kRenderCamera.height; ++y)
+    for (int x = 0; x < kRenderCamera.width; ++x) {
+      EXPECT_NEAR(-kRenderCamera.fx * baseline / motion.flow(x, y).u, surface.depth_m(x, y), 1e-3);
       EXPECT_NEAR(motion.flow(x, y).v, 0, 1e-4);
     }
 }

@@ -10,25 +10,25 @@
 namespace depthtween {
 namespace {
 
-constexpr int kWidth = 72, kHeight = 48, kFrames = 9, kStepPx = 2;
+constexpr int kClipWidth = 72, kClipHeight = 48, kFrames = 9, kStepPx = 2;
 constexpr float kNearM = 1.5F, kFarM = 3.0F;
 
 // A textured box moves `kStepPx` a frame to the right before a textured wall that stands still. Everything is known.
 class MovingBox {
  public:
-  MovingBox() : wall_(kWidth, kHeight), box_(kWidth, kHeight) {
+  MovingBox() : wall_(kClipWidth, kClipHeight), box_(kClipWidth, kClipHeight) {
     std::mt19937 random(5);
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) {
+    for (int y = 0; y < kClipHeight; ++y)
+      for (int x = 0; x < kClipWidth; ++x) {
         const auto dark = [&] { return static_cast<uint8_t>(40 + random() % 60); };
         const auto light = [&] { return static_cast<uint8_t>(120 + random() % 60); };
         wall_(x, y) = {dark(), dark(), dark()};
         box_(x, y) = {light(), light(), light()};
       }
     for (int k = 0; k < kFrames; ++k) {
-      color.emplace_back(kWidth, kHeight);
-      for (int y = 0; y < kHeight; ++y)
-        for (int x = 0; x < kWidth; ++x) color[k](x, y) = InBox(k, x, y) ? box_(x - kStepPx * k, y) : wall_(x, y);
+      color.emplace_back(kClipWidth, kClipHeight);
+      for (int y = 0; y < kClipHeight; ++y)
+        for (int x = 0; x < kClipWidth; ++x) color[k](x, y) = InBox(k, x, y) ? box_(x - kStepPx * k, y) : wall_(x, y);
     }
   }
 
@@ -37,9 +37,10 @@ class MovingBox {
   }
   // Depth of a frame, with the box `wider` pixels too wide on its right.
   static Image<float> Depth(int frame, int wider) {
-    Image<float> depth(kWidth, kHeight);
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) depth(x, y) = InBox(frame, x, y) || InBox(frame, x - wider, y) ? kNearM : kFarM;
+    Image<float> depth(kClipWidth, kClipHeight);
+    for (int y = 0; y < kClipHeight; ++y)
+      for (int x = 0; x < kClipWidth; ++x)
+        depth(x, y) = InBox(frame, x, y) || InBox(frame, x - wider, y) ? kNearM : kFarM;
     return depth;
   }
 
@@ -52,15 +53,15 @@ class MovingBox {
 // What LookAtSilhouettes needs to know of one frame of the box, where depth is `depth`.
 struct Situation {
   Situation(const MovingBox& scene, int target, const Image<float>& depth)
-      : fused{depth.Clone(), Image<float>(kWidth, kHeight), Image<float>(kWidth, kHeight, 1.0F),
-              Image<Provenance>(kWidth, kHeight, Provenance::kOne), Image<uint8_t>(kWidth, kHeight)} {
+      : fused{depth.Clone(), Image<float>(kClipWidth, kClipHeight), Image<float>(kClipWidth, kClipHeight, 1.0F),
+              Image<Provenance>(kClipWidth, kClipHeight, Provenance::kOne), Image<uint8_t>(kClipWidth, kClipHeight)} {
     for (int s = 0; s < 2; ++s) {
       const int frame = s == 0 ? 0 : kFrames - 1;
       keys[s].depth_m = MovingBox::Depth(frame, 0);
-      keys[s].distance = Image<float>(kWidth, kHeight);
-      choice.sides[s] = {Image<Flow2>(kWidth, kHeight), Image<float>(kWidth, kHeight), depth.Clone()};
-      for (int y = 0; y < kHeight; ++y)
-        for (int x = 0; x < kWidth; ++x)
+      keys[s].distance = Image<float>(kClipWidth, kClipHeight);
+      choice.sides[s] = {Image<Flow2>(kClipWidth, kClipHeight), Image<float>(kClipWidth, kClipHeight), depth.Clone()};
+      for (int y = 0; y < kClipHeight; ++y)
+        for (int x = 0; x < kClipWidth; ++x)
           if (depth(x, y) == kNearM) choice.sides[s].motion(x, y) = {static_cast<float>(kStepPx * (frame - target)), 0};
     }
     input = {.target = target, .fused = &fused, .choice = &choice, .keys = {&keys[0], &keys[1]}, .noise = {}};
@@ -107,7 +108,7 @@ TEST(Silhouettes, LeavesARightEdgeAlone) {
 TEST(Silhouettes, LooksOnlyBesideJumps) {
   const MovingBox scene;
   Image<float> depth = MovingBox::Depth(4, 0);
-  for (int x = 0; x < kWidth; ++x) depth(x, 0) = 0;
+  for (int x = 0; x < kClipWidth; ++x) depth(x, 0) = 0;
   const Situation situation(scene, 4, depth);
   const std::vector<SilhouettePixel> pixels = LookAtSilhouettes(situation.input);
   EXPECT_EQ(pixels.size(), 2U * (20 + 24) - 4 + 2U * (20 + 24));  // inner ring, and outer ring without its corners
@@ -124,7 +125,7 @@ TEST(Silhouettes, LooksAgainOnlyNearChanges) {
   const MovingBox scene;
   Situation situation(scene, 4, MovingBox::Depth(4, 0));
   const size_t all = LookAtSilhouettes(situation.input).size();
-  Image<uint8_t> changed(kWidth, kHeight);
+  Image<uint8_t> changed(kClipWidth, kClipHeight);
   situation.input.changed = changed;
   EXPECT_TRUE(LookAtSilhouettes(situation.input).empty());
   changed(24, 20) = 1;  // the left side of the box

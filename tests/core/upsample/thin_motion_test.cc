@@ -10,7 +10,7 @@
 namespace depthtween {
 namespace {
 
-constexpr int kWidth = 96, kHeight = 80, kLeft = 30, kStep = 4;
+constexpr int kFrameWidth = 96, kFrameHeight = 80, kLeft = 30, kStep = 4;
 constexpr float kNear = 1.5F, kFar = 3.0F;
 constexpr DepthNoise kNoise{};
 
@@ -22,15 +22,15 @@ Rgb8 Wall(int x, int y) {
 }
 
 struct Scene {
-  Image<Rgb8> color{kWidth, kHeight};
-  Image<float> depth_m{kWidth, kHeight};
+  Image<Rgb8> color{kFrameWidth, kFrameHeight};
+  Image<float> depth_m{kFrameWidth, kFrameHeight};
 };
 
 // A bar of so many pixels from column `left` on, before a wall that stands still.
 Scene BarAt(int left, int thickness) {
   Scene scene;
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < kFrameHeight; ++y)
+    for (int x = 0; x < kFrameWidth; ++x) {
       const bool bar = x >= left && x < left + thickness;
       scene.color(x, y) = bar ? Rgb8{200, static_cast<uint8_t>(150 + 4 * (y / 3 % 5)), 60} : Wall(x, y);
       scene.depth_m(x, y) = bar ? kNear : kFar;
@@ -39,8 +39,9 @@ Scene BarAt(int left, int thickness) {
 }
 
 Key KeyOf(const Scene& scene) {
-  return {
-      .depth_m = scene.depth_m.Clone(), .distance = Image<float>(kWidth, kHeight), .image = MatchImage(scene.color)};
+  return {.depth_m = scene.depth_m.Clone(),
+          .distance = Image<float>(kFrameWidth, kFrameHeight),
+          .image = MatchImage(scene.color)};
 }
 
 int Proposed(const Image<Flow2>& motion) {
@@ -49,7 +50,7 @@ int Proposed(const Image<Flow2>& motion) {
 }
 
 Image<Flow2> Everywhere(Flow2 motion) {
-  Image<Flow2> flow(kWidth, kHeight);
+  Image<Flow2> flow(kFrameWidth, kFrameHeight);
   flow.Fill(motion);
   return flow;
 }
@@ -61,7 +62,7 @@ TEST(ThinMotion, FindsABarThatFlowLost) {
   for (int frame = 1; frame <= 6; ++frame) {
     const int moved = frame * kStep;
     const Image<Flow2> motion = things.Follow(BarAt(kLeft + moved, 3).color, Everywhere({}));
-    for (int y = 2; y < kHeight - 2; ++y) {
+    for (int y = 2; y < kFrameHeight - 2; ++y) {
       for (int x = kLeft + moved; x < kLeft + moved + 3; ++x) {
         EXPECT_EQ(motion(x, y).u, -moved) << "frame " << frame << " at " << x << ", " << y;
         EXPECT_LE(std::abs(motion(x, y).v), 1) << "frame " << frame << " at " << x << ", " << y;
@@ -99,7 +100,7 @@ TEST(ThinMotion, LooksForThinThingsAlone) {
 TEST(ThinMotion, GivesUpWhatIsOutOfSight) {
   const Scene scene = BarAt(kLeft, 3);
   ThinMotion things(KeyOf(scene), scene.color, kNoise);
-  EXPECT_EQ(Proposed(things.Follow(BarAt(kWidth, 0).color, Everywhere({}))), 0);
+  EXPECT_EQ(Proposed(things.Follow(BarAt(kFrameWidth, 0).color, Everywhere({}))), 0);
   EXPECT_EQ(Proposed(things.Follow(BarAt(kLeft + kStep, 3).color, Everywhere({}))), 0);
 }
 

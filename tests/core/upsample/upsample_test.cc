@@ -11,18 +11,11 @@
 #include "core/upsample/uncertainty.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/core/upsample/drawn_clip.h"
 #include "tests/core/upsample/rendered_clip.h"
 
 namespace depthtween {
 namespace {
-
-constexpr int kWidth = 96, kHeight = 72;
-
-Rgb8 Pattern(double u, double v) {
-  const double a = 128 + 55 * std::sin(0.45 * u + 0.2 * v) + 45 * std::sin(0.13 * u - 0.37 * v);
-  const double b = 128 + 70 * std::sin(0.29 * u - 0.11 * v + 1);
-  return {static_cast<uint8_t>(a), static_cast<uint8_t>(0.5 * a + 0.5 * b), static_cast<uint8_t>(b)};
-}
 
 Sequence Clip(const std::vector<double>& color_s, const std::vector<double>& depth_s) {
   Sequence s{.camera = {.width = kWidth, .height = kHeight, .fx = 90, .fy = 90, .cx = 47.5, .cy = 35.5},
@@ -43,7 +36,7 @@ struct Slide {
     Image<Rgb8> image(kWidth, kHeight);
     for (int y = 0; y < kHeight; ++y)
       for (int x = 0; x < kWidth; ++x) {
-        const Rgb8 wall = Pattern(x, y), square = Pattern(2.1 * (x - Left(t)) + 400, 1.7 * y - 90);
+        const Rgb8 wall = Texture(x, y), square = Texture(2.1 * (x - Left(t)) + 400, 1.7 * y - 90);
         image(x, y) = OnSquare(x, y, t) ? Rgb8{square.b, square.r, 30} : wall;
       }
     return image;
@@ -66,6 +59,7 @@ struct Slide {
 std::vector<DepthResult> RunAll(const FrameSource& source, const RunContext& context = {},
                                 const std::string& preset = "balanced") {
   std::vector<DepthResult> results;
+  size_t planned = 0;
   const auto constants = EstimateClipConstants(source);
   EXPECT_TRUE(constants.ok()) << constants.status();
   const auto pipeline = MakePipeline(*PipelineOptions::ForPreset(preset));
@@ -77,21 +71,11 @@ std::vector<DepthResult> RunAll(const FrameSource& source, const RunContext& con
     EXPECT_TRUE(summary.ok()) << summary.status();
     EXPECT_EQ(summary->termination, "complete");
     EXPECT_EQ(summary->frames, interval.frame_count);
+    planned += static_cast<size_t>(interval.frame_count);
   }
+  EXPECT_GT(planned, 0U);
+  EXPECT_EQ(results.size(), planned);
   return results;
-}
-
-double ShareWithin(const Image<float>& depth, const Image<float>& truth, float tolerance_m) {
-  int good = 0;
-  for (size_t i = 0; i < depth.pixel_count(); ++i) good += std::abs(depth.data()[i] - truth.data()[i]) <= tolerance_m;
-  return static_cast<double>(good) / static_cast<double>(depth.pixel_count());
-}
-
-bool SameBits(const DepthResult& a, const DepthResult& b) {
-  const size_t n = a.depth_m.pixel_count();
-  return a.color_index == b.color_index && std::memcmp(a.depth_m.data(), b.depth_m.data(), n * sizeof(float)) == 0 &&
-         std::memcmp(a.sigma_m.data(), b.sigma_m.data(), n * sizeof(float)) == 0 &&
-         std::memcmp(a.provenance.data(), b.provenance.data(), n) == 0;
 }
 
 // An image matches itself without cost, and the shifted one at its shift; outside the image nothing matches.
