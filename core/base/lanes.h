@@ -22,8 +22,9 @@ inline Lanes AllLanes(float value) { return Lanes{} + value; }
 inline Lanes AbsLanes(Lanes v) { return reinterpret_cast<Lanes>(reinterpret_cast<LaneInts>(v) & 0x7FFFFFFF); }
 inline Lanes MinLanes(Lanes a, Lanes b) { return a < b ? a : b; }
 inline Lanes MaxLanes(Lanes a, Lanes b) { return a > b ? a : b; }
-inline float SumLanes(Lanes v) {
-  float sum = 0;
+template <typename T = float>  // what the sum is kept in
+T SumLanes(Lanes v) {
+  T sum = 0;
   for (int i = 0; i < kLanes; ++i) sum += v[i];
   return sum;
 }

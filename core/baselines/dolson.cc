@@ -14,11 +14,10 @@ namespace depthtween {
 namespace {
 
 // A frame is filtered tile by tile, so that memory is that of a tile's lattice and its table stays in the cache. A tile
-// sees the keys this many sigmas around it: beyond lies half a per cent of the weight.
+// sees the keys within this many sigmas; half a per cent of the weight lies beyond.
 constexpr int kTilePx = 128;
 constexpr float kMarginSigmas = 3.0F;
-// A mean that gathered less weight than this share of one pixel's own is made of the lattice's far tails: it is not
-// trusted.
+// A mean with less weight than this share of a single pixel's comes from the lattice's far tails and is not trusted.
 constexpr float kLeastWeight = 1e-4F;
 // Depths whose spread around their mean is below this many depth sigmas are one layer: the mean is its mode.
 constexpr float kOneLayer = 0.5F;
@@ -129,7 +128,7 @@ class FrameFilter {
     }
   }
 
-  // Depths of the keys on and one and two sigmas around a pixel, one for each layer.
+  // Key depths at a pixel and one and two sigmas around it, one for each layer.
   std::vector<float> Starts(int x, int y) const {
     std::vector<float> starts;
     for (const float sigmas : {0.0F, 1.0F, 2.0F})
@@ -158,8 +157,8 @@ absl::StatusOr<IntervalSummary> DolsonBaseline::Run(const FrameSource& source, c
                                                     const Interval& interval, const RunContext& context,
                                                     const FrameSink& sink) const {
   if (interval.Held()) return HoldInterval(source, constants, interval, context, sink);
-  StageClock clock(context);
-  clock.Begin("read");
+  StageRunner stages(context);
+  stages.Begin("read");
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(KeyPair read, ReadKeys(source, interval));
   std::array<ColorDepth, 2> keys;
@@ -175,19 +174,19 @@ absl::StatusOr<IntervalSummary> DolsonBaseline::Run(const FrameSource& source, c
     for (int x = 0; x < width; x += kTilePx)
       tiles.push_back({x, y, std::min(x + kTilePx, width), std::min(y + kTilePx, height)});
   for (int i = 0; i < interval.frame_count; ++i) {
-    RETURN_IF_ERROR(CheckStop(context));
-    clock.Begin("read");
+    RETURN_IF_ERROR(stages.CheckStop());
+    stages.Begin("read");
     DepthResult result = BlankResult(source, interval.first_frame + i);
     ASSIGN_OR_RETURN(const Image<Rgb8> color, ReadColor(source, result.color_index));
-    clock.Begin("filter");
+    stages.Begin("filter");
     const double tau = read.Tau(sequence.color[result.color_index].time_ns);
     const FrameFilter filter(options_, keys, color, static_cast<float>(tau));
     ParallelFor(static_cast<int>(tiles.size()), context.threads, [&](int tile) {
       if (!context.stop.stop_requested()) filter.Tile(tiles[tile], result.depth_m);
     });
-    RETURN_IF_ERROR(CheckStop(context));
+    RETURN_IF_ERROR(stages.CheckStop());
 
-    clock.Begin("finish");
+    stages.Begin("finish");
     const NearerKey nearer(keys[0].depth_m, keys[1].depth_m, tau);
     for (size_t p = 0; p < result.depth_m.pixel_count(); ++p) {
       const PixelAnswer answer = nearer.Complete({result.depth_m.data()[p], Provenance::kBoth}, p);
@@ -197,7 +196,7 @@ absl::StatusOr<IntervalSummary> DolsonBaseline::Run(const FrameSource& source, c
     PredictMeasurementNoise(constants, result);
     RETURN_IF_ERROR(sink(std::move(result)));
   }
-  return clock.Finish(interval.frame_count);
+  return stages.Complete(interval.frame_count);
 }
 
 }  // namespace depthtween

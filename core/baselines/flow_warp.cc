@@ -22,7 +22,8 @@ constexpr float kAgreement = 0.05F;   // of the nearer depth
 constexpr int kSmallestForFlow = 16;  // DIS needs room for its 8-pixel patches at the half resolution it ends on
 constexpr int kFlowsPerFrame = 4;     // two keys, both ways
 
-// Flow from one frame to the other by the preset that practitioners take. Zero where there is no room for its patches.
+// Flow from one frame to the other with the preset common in practice. Zero where the image is too small for its
+// patches.
 absl::StatusOr<Image<Flow2>> DisMedium(const Image<uint8_t>& from, const Image<uint8_t>& to) {
   Image<Flow2> flow(from.width(), from.height());
   if (std::min(from.width(), from.height()) < kSmallestForFlow) return flow;
@@ -53,7 +54,7 @@ struct FlowPair {
   Image<Flow2> to_key, from_key;
 };
 
-// What one key says of one pixel.
+// One key's estimate of one pixel.
 struct Sample {
   float depth_m = 0.0F;     // 0: the flow leaves the image, or the key knows nothing there
   double log_weight = 0.0;  // exp(-e^2) itself vanishes at large errors, where the smaller one must still win
@@ -104,8 +105,8 @@ absl::StatusOr<IntervalSummary> FlowWarpBaseline::Run(const FrameSource& source,
                                                       const Interval& interval, const RunContext& context,
                                                       const FrameSink& sink) const {
   if (interval.Held()) return HoldInterval(source, constants, interval, context, sink);
-  StageClock clock(context);
-  clock.Begin("read");
+  StageRunner stages(context);
+  stages.Begin("read");
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const KeyPair keys, ReadKeys(source, interval));
   const std::array key_frames = {NearestColorFrame(sequence, keys.before_ns),
@@ -120,14 +121,14 @@ absl::StatusOr<IntervalSummary> FlowWarpBaseline::Run(const FrameSource& source,
   for (int done = 0; done < interval.frame_count; done += batch) {
     const int first = interval.first_frame + done;
     const int count = std::min(batch, interval.frame_count - done);
-    RETURN_IF_ERROR(CheckStop(context));
-    clock.Begin("read");
+    RETURN_IF_ERROR(stages.CheckStop());
+    stages.Begin("read");
     std::vector<Image<uint8_t>> luma(count);
     for (int i = 0; i < count; ++i) {
       ASSIGN_OR_RETURN(luma[i], ReadLuma(source, first + i));
     }
 
-    clock.Begin("flow");
+    stages.Begin("flow");
     std::vector<std::array<FlowPair, 2>> flow(count);
     std::vector<absl::Status> failures(static_cast<size_t>(count) * kFlowsPerFrame);
     ParallelFor(count * kFlowsPerFrame, context.threads, [&](int item) {
@@ -147,7 +148,7 @@ absl::StatusOr<IntervalSummary> FlowWarpBaseline::Run(const FrameSource& source,
     for (const absl::Status& failure : failures) RETURN_IF_ERROR(failure);
 
     for (int i = 0; i < count; ++i) {
-      clock.Begin("warp");
+      stages.Begin("warp");
       const double tau = keys.Tau(sequence.color[first + i].time_ns);
       DepthResult result =
           WarpFrame(keys, flow[i][0], flow[i][1], tau, BlankResult(source, first + i), context.threads);
@@ -155,7 +156,7 @@ absl::StatusOr<IntervalSummary> FlowWarpBaseline::Run(const FrameSource& source,
       RETURN_IF_ERROR(sink(std::move(result)));
     }
   }
-  return clock.Finish(interval.frame_count);
+  return stages.Complete(interval.frame_count);
 }
 
 }  // namespace depthtween

@@ -59,11 +59,11 @@ void PredictMeasurementNoise(const ClipConstants& constants, DepthResult& result
 absl::StatusOr<IntervalSummary> HoldInterval(const FrameSource& source, const ClipConstants& constants,
                                              const Interval& interval, const RunContext& context,
                                              const FrameSink& sink) {
-  StageClock clock(context);
-  clock.Begin("hold");
+  StageRunner stages(context);
+  stages.Begin("hold");
   ASSIGN_OR_RETURN(const Image<float> key_m, ReadKey(source, std::max(interval.key_before, interval.key_after)));
   for (int i = 0; i < interval.frame_count; ++i) {
-    RETURN_IF_ERROR(CheckStop(context));
+    RETURN_IF_ERROR(stages.CheckStop());
     DepthResult result = BlankResult(source, interval.first_frame + i);
     result.depth_m = key_m.Clone();
     for (int y = 0; y < key_m.height(); ++y)
@@ -72,29 +72,7 @@ absl::StatusOr<IntervalSummary> HoldInterval(const FrameSource& source, const Cl
     PredictMeasurementNoise(constants, result);
     RETURN_IF_ERROR(sink(std::move(result)));
   }
-  return clock.Finish(interval.frame_count);
-}
-
-absl::Status CheckStop(const RunContext& context) {
-  return context.stop.stop_requested() ? absl::CancelledError("stopped on request") : absl::OkStatus();
-}
-
-void StageClock::Begin(std::string_view stage) {
-  End();
-  if (context_.on_stage) context_.on_stage(stage);
-  stage_ = stage;
-  began_ = std::chrono::steady_clock::now();
-}
-
-void StageClock::End() {
-  if (stage_.empty()) return;
-  seconds_[stage_] += std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
-  stage_.clear();
-}
-
-IntervalSummary StageClock::Finish(int frames) {
-  End();
-  return {.termination = "all frames were answered", .frames = frames, .stage_seconds = seconds_};
+  return stages.Complete(interval.frame_count);
 }
 
 }  // namespace depthtween

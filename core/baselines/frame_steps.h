@@ -3,14 +3,11 @@
 #ifndef DEPTHTWEEN_CORE_BASELINES_FRAME_STEPS_H_
 #define DEPTHTWEEN_CORE_BASELINES_FRAME_STEPS_H_
 
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <map>
-#include <string>
-#include <string_view>
 
 #include "core/base/status.h"
+#include "core/upsample/stage_runner.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {
@@ -68,26 +65,6 @@ class NearerKey {
 absl::StatusOr<IntervalSummary> HoldInterval(const FrameSource& source, const ClipConstants& constants,
                                              const Interval& interval, const RunContext& context,
                                              const FrameSink& sink);
-
-// Cancelled once `context.stop` has fired.
-absl::Status CheckStop(const RunContext& context);
-
-// Wall seconds of consecutive stages; tells context.on_stage when one begins.
-class StageClock {
- public:
-  explicit StageClock(const RunContext& context) : context_(context) {}
-  void Begin(std::string_view stage);
-  // Ends the last stage and fills the summary of a run that came to its end.
-  IntervalSummary Finish(int frames);
-
- private:
-  void End();
-
-  const RunContext& context_;
-  std::string stage_;
-  std::chrono::steady_clock::time_point began_;
-  std::map<std::string, double> seconds_;
-};
 
 }  // namespace depthtween
 

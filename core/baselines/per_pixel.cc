@@ -12,7 +12,7 @@ PixelAnswer OneKey(float depth_m, bool at_key_time) {
 
 }  // namespace
 
-// At tau 1 the frame stands at the key after: that is the last key then.
+// At tau = 1 the frame coincides with the key after, which is then the latest key.
 PixelAnswer HoldPixel(float before_m, float after_m, double tau) {
   return tau < 1.0 ? OneKey(before_m, tau == 0.0) : OneKey(after_m, true);
 }
@@ -33,12 +33,12 @@ absl::StatusOr<IntervalSummary> PerPixelBaseline::Run(const FrameSource& source,
                                                       const Interval& interval, const RunContext& context,
                                                       const FrameSink& sink) const {
   if (interval.Held()) return HoldInterval(source, constants, interval, context, sink);
-  StageClock clock(context);
-  clock.Begin("read");
+  StageRunner stages(context);
+  stages.Begin("read");
   ASSIGN_OR_RETURN(const KeyPair keys, ReadKeys(source, interval));
-  clock.Begin("interpolate");
+  stages.Begin("interpolate");
   for (int i = 0; i < interval.frame_count; ++i) {
-    RETURN_IF_ERROR(CheckStop(context));
+    RETURN_IF_ERROR(stages.CheckStop());
     DepthResult result = BlankResult(source, interval.first_frame + i);
     const double tau = keys.Tau(source.sequence().color[result.color_index].time_ns);
     for (int y = 0; y < result.depth_m.height(); ++y) {
@@ -51,7 +51,7 @@ absl::StatusOr<IntervalSummary> PerPixelBaseline::Run(const FrameSource& source,
     PredictMeasurementNoise(constants, result);
     RETURN_IF_ERROR(sink(std::move(result)));
   }
-  return clock.Finish(interval.frame_count);
+  return stages.Complete(interval.frame_count);
 }
 
 }  // namespace depthtween

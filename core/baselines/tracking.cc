@@ -13,7 +13,7 @@
 namespace depthtween {
 namespace {
 
-// Depth alone, and partners sought anew as often as the paper does.
+// Depth only; searches for partners anew as often as the paper does.
 SolveOptions DepthAlone() {
   SolveOptions options{.occlusion = false, .outer_iterations = 5};
   options.weights.opti = options.weights.proj = 0;
@@ -26,15 +26,15 @@ absl::StatusOr<IntervalSummary> TrackingBaseline::Run(const FrameSource& source,
                                                       const Interval& interval, const RunContext& context,
                                                       const FrameSink& sink) const {
   if (interval.Held()) return HoldInterval(source, constants, interval, context, sink);
-  StageClock clock(context);
-  clock.Begin("read");
+  StageRunner stages(context);
+  stages.Begin("read");
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const KeyPair keys, ReadKeys(source, interval));
   std::vector<double> taus;
   for (int i = 0; i < interval.frame_count; ++i)
     taus.push_back(keys.Tau(sequence.color[interval.first_frame + i].time_ns));
 
-  clock.Begin("solve");
+  stages.Begin("solve");
   const Image<Rgb8> no_color(sequence.camera.width, sequence.camera.height);
   const std::array<SolveKey, 2> ends = {SolveKey{keys.before_m, no_color, {}}, SolveKey{keys.after_m, no_color, {}}};
   std::array<std::vector<int>, 2> index;  // [side][frame of the interval]: of the solve's, -1 at its own key
@@ -59,8 +59,8 @@ absl::StatusOr<IntervalSummary> TrackingBaseline::Run(const FrameSource& source,
   for (const auto& surface : surfaces) RETURN_IF_ERROR(surface.status());
 
   for (int i = 0; i < interval.frame_count; ++i) {
-    RETURN_IF_ERROR(CheckStop(context));
-    clock.Begin("draw");
+    RETURN_IF_ERROR(stages.CheckStop());
+    stages.Begin("draw");
     DepthResult result = BlankResult(source, interval.first_frame + i);
     const int nearer = taus[i] <= 0.5 ? 0 : 1;
     const NearerKey nearer_key(keys.before_m, keys.after_m, taus[i]);
@@ -77,7 +77,7 @@ absl::StatusOr<IntervalSummary> TrackingBaseline::Run(const FrameSource& source,
     PredictMeasurementNoise(constants, result);
     RETURN_IF_ERROR(sink(std::move(result)));
   }
-  return clock.Finish(interval.frame_count);
+  return stages.Complete(interval.frame_count);
 }
 
 }  // namespace depthtween

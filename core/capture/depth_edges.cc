@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 
 namespace depthtween {
 namespace {

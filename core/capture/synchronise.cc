@@ -239,7 +239,7 @@ Causes Fit(const Keys& keys, Causes causes, const std::vector<float>& radii_px, 
 
 // Pixels. Wide at first, so that the search need not have been exact; then narrow, so that the edge itself counts and
 // not the texture around it.
-const std::vector<float> kRadiiPx = {6, 4, 2.5};
+const std::vector<float> radii_px = {6, 4, 2.5};
 
 struct Fitted {
   Causes causes;
@@ -248,12 +248,12 @@ struct Fitted {
 Fitted FitWithCovariance(const Keys& keys, FitOptions options) {
   Fitted fitted;
   Normal normal;
-  fitted.causes = Fit(keys, Causes::Zero(), kRadiiPx, options, &normal);
+  fitted.causes = Fit(keys, Causes::Zero(), radii_px, options, &normal);
   std::array<Causes, kGroups> without;
   Causes mean = Causes::Zero();
   for (int g = 0; g < kGroups; ++g) {
     options.left_out = g;
-    without[g] = Fit(keys, fitted.causes, {kRadiiPx.back()}, options);
+    without[g] = Fit(keys, fitted.causes, {radii_px.back()}, options);
     mean += without[g] / kGroups;
   }
   fitted.covariance.setZero();
@@ -276,6 +276,7 @@ constexpr double kTellingDriftPpm = 1000.0;
 std::vector<int> Spread(int count, int wanted) {
   const int n = std::min(count, wanted);
   std::vector<int> picked;
+  picked.reserve(n);
   for (int i = 0; i < n; ++i) picked.push_back(static_cast<int>(static_cast<int64_t>(i) * (count - 1) / (n - 1)));
   return picked;
 }
@@ -304,6 +305,105 @@ class Counter {
   int done_ = 0;
 };
 
+// The time that a recording spans, and its frames' periods.
+struct Span {
+  explicit Span(const Sequence& sequence)
+      : first_ns(sequence.depth.front().time_ns),
+        last_ns(sequence.depth.back().time_ns),
+        half_ms(0.5 * Milliseconds(last_ns - first_ns)),
+        color_ms(Milliseconds(MedianPeriodNs(sequence.color))),
+        depth_ms(Milliseconds(MedianPeriodNs(sequence.depth))) {}
+  // Of a depth stamp: -1 at the first, 1 at the last.
+  double Place(int64_t time_ns) const { return Milliseconds(time_ns - first_ns) / half_ms - 1; }
+
+  int64_t first_ns, last_ns;
+  double half_ms, color_ms, depth_ms;
+};
+
+absl::StatusOr<std::vector<KeyEdges>> ReadKeyEdges(const FrameSource& source, const std::vector<int>& picked,
+                                                   const Span& span, Counter& counter) {
+  std::vector<KeyEdges> keys(picked.size());
+  RETURN_IF_ERROR(counter.For(static_cast<int>(picked.size()), [&](int k) -> absl::Status {
+    keys[k].depth_index = picked[k];
+    keys[k].place = span.Place(source.sequence().depth[picked[k]].time_ns);
+    ASSIGN_OR_RETURN(const Image<float> depth, source.Depth(picked[k]));
+    keys[k].edges = FindDepthEdges(RemoveFlyingPixels(depth, DepthNoise(), 1));
+    return absl::OkStatus();
+  }));
+  return keys;
+}
+
+// The line of shifts that most of the `searched` keys vote for, to a step of the search.
+absl::StatusOr<Line> SearchLine(const FrameSource& source, const std::vector<KeyEdges>& keys,
+                                const std::vector<int>& searched, const Span& span, Counter& counter) {
+  // An edge must not jump over another from one shift to the next: eight steps between depth frames at least.
+  const double step_ms = std::min(span.color_ms, span.depth_ms / 8);
+  const ShiftGrid grid{.step_ms = step_ms, .half = static_cast<int>(std::lround(2 * span.depth_ms / step_ms))};
+  std::vector<std::vector<float>> votes(searched.size());
+  RETURN_IF_ERROR(counter.For(static_cast<int>(searched.size()), [&](int i) -> absl::Status {
+    ASSIGN_OR_RETURN(votes[i], VotesForShifts(source, keys[searched[i]], grid));
+    return absl::OkStatus();
+  }));
+  std::vector<double> places;
+  places.reserve(searched.size());
+  for (const int k : searched) places.push_back(keys[k].place);
+  constexpr double kMaxDrift = 0.01;
+  return FindLine(votes, places, grid, kMaxDrift * span.half_ms);
+}
+
+absl::StatusOr<Keys> CompareAll(const FrameSource& source, const std::vector<KeyEdges>& keys, const Line& line,
+                                Counter& counter) {
+  Keys comparisons(keys.size());
+  RETURN_IF_ERROR(counter.For(static_cast<int>(keys.size()), [&](int k) -> absl::Status {
+    ASSIGN_OR_RETURN(comparisons[k], Compare(source, keys[k], line.At(keys[k].place)));
+    return absl::OkStatus();
+  }));
+  return comparisons;
+}
+
+// Standard deviations from which on a difference counts.
+constexpr double kSignificant = 3.0;
+
+// Writes the clock that shifts stamps by `line` and by what was fitted beyond it: a corrected stamp is
+// stamp + middle + growth * place.
+void DescribeClock(const Line& line, double growth_ms, const Fitted& fitted, const Span& span, int height,
+                   ClockEstimate& estimate) {
+  const double middle_ms = line.middle_ms + fitted.causes(kMiddle);
+  const auto sigma_at = [&](double place) {
+    return std::sqrt(fitted.covariance(kMiddle, kMiddle) + 2 * place * fitted.covariance(kMiddle, kGrowth) +
+                     place * place * fitted.covariance(kGrowth, kGrowth));
+  };
+  const double drift = -growth_ms / (span.half_ms + growth_ms);
+  const int64_t middle_ns = span.first_ns + (span.last_ns - span.first_ns) / 2;
+  const auto middle_since_ns = static_cast<double>(middle_ns - estimate.model.reference_ns);
+  estimate.model.drift_ppm = 1e6 * drift;
+  estimate.model.offset_ns = -(1 + drift) * 1e6 * middle_ms - drift * middle_since_ns;
+  const double reference_place = -1 - Milliseconds(span.first_ns - estimate.model.reference_ns) / span.half_ms;
+  estimate.offset_sigma_ns = 1e6 * sigma_at(reference_place);
+  estimate.stamp_sigma_ns = 1e6 * std::max(sigma_at(-1), sigma_at(1));
+  const double ns_per_row = 1e6 / (0.5 * (height - 1));
+  estimate.row_time_ns = -ns_per_row * fitted.causes(kRows);
+  estimate.row_time_sigma_ns = ns_per_row * std::sqrt(fitted.covariance(kRows, kRows));
+}
+
+// Why the estimate must not be used; empty if it may be.
+std::string WhyUnusable(const ClockEstimate& estimate, const Span& span, int height) {
+  // A stamp that is surer than half a step of colour says which colour frame a depth frame belongs to.
+  if (!(estimate.stamp_sigma_ns < 0.5e6 * span.color_ms))
+    return absl::StrFormat(
+        "too little moves: stamps would be corrected to +-%.3g ms, and half a colour frame is %.3g ms",
+        1e-6 * estimate.stamp_sigma_ns, 0.5 * span.color_ms);
+  // A camera has read one frame when it begins the next. Edges that seem to say otherwise are not where things moved.
+  const double least_readout_ms =
+      1e-6 * (height - 1) * (std::abs(estimate.row_time_ns) - kSignificant * estimate.row_time_sigma_ns);
+  if (least_readout_ms > span.color_ms)
+    return absl::StrFormat(
+        "too little moves: the images would say that a colour frame takes at least %.3g ms to be read, and the next "
+        "one comes after %.3g ms",
+        least_readout_ms, span.color_ms);
+  return {};
+}
+
 }  // namespace
 
 absl::Status SynchroniseOptions::Validate() const {
@@ -325,54 +425,21 @@ absl::StatusOr<ClockEstimate> EstimateClock(const FrameSource& source, const Syn
                                       sequence.color.size(), depth_count, kMinSynchroniseKeys);
     return estimate;
   }
-  const int64_t first = sequence.depth.front().time_ns, last = sequence.depth.back().time_ns;
-  const double half_span_ms = 0.5 * Milliseconds(last - first);
-  const double color_ms = Milliseconds(MedianPeriodNs(sequence.color));
-  const double depth_ms = Milliseconds(MedianPeriodNs(sequence.depth));
-
+  const Span span(sequence);
   const std::vector<int> picked = Spread(depth_count, options.max_keys);
   const int count = static_cast<int>(picked.size());
   constexpr int kMaxSearched = 48;  // each looks at four periods of depth: the search is the dearest part
   const std::vector<int> searched = Spread(count, kMaxSearched);
-  const int search_count = static_cast<int>(searched.size());
   constexpr int kRounds = 3;  // of comparing; the last only where there is no drift
-  Counter counter(options, (1 + kRounds) * count + search_count);
+  Counter counter(options, (1 + kRounds) * count + static_cast<int>(searched.size()));
 
-  std::vector<KeyEdges> keys(count);
-  RETURN_IF_ERROR(counter.For(count, [&](int k) -> absl::Status {
-    keys[k].depth_index = picked[k];
-    keys[k].place = Milliseconds(sequence.depth[picked[k]].time_ns - first) / half_span_ms - 1;
-    ASSIGN_OR_RETURN(const Image<float> depth, source.Depth(picked[k]));
-    keys[k].edges = FindDepthEdges(RemoveFlyingPixels(depth, DepthNoise(), 1));
-    return absl::OkStatus();
-  }));
-
-  // An edge must not jump over another from one shift to the next: eight steps between depth frames at least.
-  const double step_ms = std::min(color_ms, depth_ms / 8);
-  const ShiftGrid grid{.step_ms = step_ms, .half = static_cast<int>(std::lround(2 * depth_ms / step_ms))};
-  std::vector<std::vector<float>> votes(search_count);
-  RETURN_IF_ERROR(counter.For(search_count, [&](int i) -> absl::Status {
-    ASSIGN_OR_RETURN(votes[i], VotesForShifts(source, keys[searched[i]], grid));
-    return absl::OkStatus();
-  }));
-  std::vector<double> places;
-  for (const int k : searched) places.push_back(keys[k].place);
-  constexpr double kMaxDrift = 0.01;
-  Line line = FindLine(votes, places, grid, kMaxDrift * half_span_ms);
-
-  const auto compare_all = [&]() -> absl::StatusOr<Keys> {
-    Keys comparisons(count);
-    RETURN_IF_ERROR(counter.For(count, [&](int k) -> absl::Status {
-      ASSIGN_OR_RETURN(comparisons[k], Compare(source, keys[k], line.At(keys[k].place)));
-      return absl::OkStatus();
-    }));
-    return comparisons;
-  };
+  ASSIGN_OR_RETURN(const std::vector<KeyEdges> keys, ReadKeyEdges(source, picked, span, counter));
+  ASSIGN_OR_RETURN(Line line, SearchLine(source, keys, searched, span, counter));
   // Colour frames are looked up anew where the first fit puts the keys.
-  ASSIGN_OR_RETURN(Keys comparisons, compare_all());
-  const Causes first_fit = Fit(comparisons, Causes::Zero(), kRadiiPx, {.threads = options.threads});
+  ASSIGN_OR_RETURN(Keys comparisons, CompareAll(source, keys, line, counter));
+  const Causes first_fit = Fit(comparisons, Causes::Zero(), radii_px, {.threads = options.threads});
   line = {line.middle_ms + first_fit(kMiddle), line.growth_ms + first_fit(kGrowth)};
-  ASSIGN_OR_RETURN(comparisons, compare_all());
+  ASSIGN_OR_RETURN(comparisons, CompareAll(source, keys, line, counter));
   for (const auto& of_key : comparisons) {
     estimate.keys += of_key.empty() ? 0 : 1;
     estimate.edges += static_cast<int64_t>(of_key.size());
@@ -383,45 +450,16 @@ absl::StatusOr<ClockEstimate> EstimateClock(const FrameSource& source, const Syn
   }
   Fitted fitted = FitWithCovariance(comparisons, {.threads = options.threads});
   // The drift of real clocks is told apart from none, or taken for none: over a short clip it would be anything.
-  constexpr double kSignificant = 3.0;
   const double growth_sigma_ms = std::sqrt(fitted.covariance(kGrowth, kGrowth));
-  estimate.drift_sigma_ppm = 1e6 * growth_sigma_ms / half_span_ms;
+  estimate.drift_sigma_ppm = 1e6 * growth_sigma_ms / span.half_ms;
   double growth_ms = line.growth_ms + fitted.causes(kGrowth);
   if (!(std::abs(growth_ms) > kSignificant * growth_sigma_ms && estimate.drift_sigma_ppm < kTellingDriftPpm)) {
     line.growth_ms = growth_ms = 0;
-    ASSIGN_OR_RETURN(comparisons, compare_all());
+    ASSIGN_OR_RETURN(comparisons, CompareAll(source, keys, line, counter));
     fitted = FitWithCovariance(comparisons, {.growth = false, .threads = options.threads});
   }
-
-  // A corrected stamp is stamp + middle + growth * place.
-  const double middle_ms = line.middle_ms + fitted.causes(kMiddle);
-  const auto sigma_at = [&](double place) {
-    return std::sqrt(fitted.covariance(kMiddle, kMiddle) + 2 * place * fitted.covariance(kMiddle, kGrowth) +
-                     place * place * fitted.covariance(kGrowth, kGrowth));
-  };
-  const double drift = -growth_ms / (half_span_ms + growth_ms);
-  const double middle_since_ns = static_cast<double>(first + (last - first) / 2 - estimate.model.reference_ns);
-  estimate.model.drift_ppm = 1e6 * drift;
-  estimate.model.offset_ns = -(1 + drift) * 1e6 * middle_ms - drift * middle_since_ns;
-  const double reference_place = -1 - Milliseconds(first - estimate.model.reference_ns) / half_span_ms;
-  estimate.offset_sigma_ns = 1e6 * sigma_at(reference_place);
-  estimate.stamp_sigma_ns = 1e6 * std::max(sigma_at(-1), sigma_at(1));
-  const double ns_per_row = 1e6 / (0.5 * (sequence.camera.height - 1));
-  estimate.row_time_ns = -ns_per_row * fitted.causes(kRows);
-  estimate.row_time_sigma_ns = ns_per_row * std::sqrt(fitted.covariance(kRows, kRows));
-  // A stamp that is surer than half a step of colour says which colour frame a depth frame belongs to.
-  if (!(estimate.stamp_sigma_ns < 0.5e6 * color_ms))
-    estimate.reason =
-        absl::StrFormat("too little moves: stamps would be corrected to +-%.3g ms, and half a colour frame is %.3g ms",
-                        1e-6 * estimate.stamp_sigma_ns, 0.5 * color_ms);
-  // A camera has read one frame when it begins the next. Edges that seem to say otherwise are not where things moved.
-  const double least_readout_ms = 1e-6 * (sequence.camera.height - 1) *
-                                  (std::abs(estimate.row_time_ns) - kSignificant * estimate.row_time_sigma_ns);
-  if (estimate.reason.empty() && least_readout_ms > color_ms)
-    estimate.reason = absl::StrFormat(
-        "too little moves: the images would say that a colour frame takes at least %.3g ms to be read, and the next "
-        "one comes after %.3g ms",
-        least_readout_ms, color_ms);
+  DescribeClock(line, growth_ms, fitted, span, sequence.camera.height, estimate);
+  estimate.reason = WhyUnusable(estimate, span, sequence.camera.height);
   return estimate;
 }
 

@@ -8,28 +8,9 @@
 #include <vector>
 
 #include "core/base/image.h"
+#include "core/fill/depth_noise.h"
 
 namespace depthtween {
-
-// Standard deviation of a measurement at depth z: a + b z^2, metres.
-struct DepthNoise {
-  float a_m = 0.0015F;
-  float b_per_m = 0.0004F;
-  float At(float z) const { return a_m + b_per_m * z * z; }
-};
-
-// Two depths belong to different layers when they differ by more than this share of the nearer one (or by the noise):
-// wider than any slant a camera sees well over one pixel, narrower than the gap between things that move apart.
-constexpr float kLayerGap = 0.02F;
-// The widest gap within the layer of a surface at `nearer_m`.
-inline float WidestGap(float nearer_m, const DepthNoise& noise) {
-  return kLayerGap * nearer_m + 4.0F * noise.At(nearer_m);
-}
-inline bool SameLayer(float a, float b, const DepthNoise& noise) {
-  const float nearer = a < b ? a : b;
-  const float gap = a < b ? b - a : a - b;
-  return gap <= WidestGap(nearer, noise);
-}
 
 // Sets to 0 the pixels that lie between two layers with too few neighbours on either: mixtures of foreground and
 // background as time-of-flight and structured-light sensors return them at silhouettes ("flying pixels").

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/base/image.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/sequence/rgbd_view.h"
 
 namespace depthtween {

@@ -3,7 +3,7 @@
 #define DEPTHTWEEN_CORE_SCENEFLOW_FLOW_AND_DEPTH_H_
 
 #include "core/base/image.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/sceneflow/pixel_rays.h"
 #include "core/sceneflow/scene_flow.h"
 

@@ -6,7 +6,7 @@
 #include <stop_token>
 
 #include "core/base/image.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/sceneflow/pixel_rays.h"
 #include "core/sceneflow/scene_flow.h"
 

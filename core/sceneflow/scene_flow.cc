@@ -7,6 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/base/parallel.h"
+#include "core/fill/key_cleaning.h"
 #include "core/fill/noise_samples.h"
 #include "core/flow/dense_flow.h"
 #include "core/sceneflow/frame_pair.h"

@@ -15,7 +15,7 @@
 #include "core/base/float3.h"
 #include "core/base/image.h"
 #include "core/base/status.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/geometry/camera.h"
 #include "core/options/scene_flow_options.h"
 #include "core/sequence/rgbd_view.h"

@@ -5,7 +5,7 @@
 #define DEPTHTWEEN_CORE_SCENEFLOW_SURFACES_H_
 
 #include "core/base/image.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 
 namespace depthtween {
 

@@ -146,11 +146,11 @@ absl::StatusOr<ClipScores> ScoreMethods(const SequenceFolder& reference, ClipTru
 absl::StatusOr<IntervalSummary> StoredResult::Run(const FrameSource& /*source*/, const ClipConstants& /*constants*/,
                                                   const Interval& interval, const RunContext& context,
                                                   const FrameSink& sink) const {
-  StageClock clock(context);
-  clock.Begin("read");
+  StageRunner stages(context);
+  stages.Begin("read");
   int frames = 0;
   for (int color = interval.first_frame; color < interval.first_frame + interval.frame_count; ++color) {
-    RETURN_IF_ERROR(CheckStop(context));
+    RETURN_IF_ERROR(stages.CheckStop());
     const int index = frame_of_[color];
     if (index < 0) continue;
     DepthResult frame{.color_index = color};
@@ -160,7 +160,7 @@ absl::StatusOr<IntervalSummary> StoredResult::Run(const FrameSource& /*source*/,
     RETURN_IF_ERROR(sink(std::move(frame)));
     ++frames;
   }
-  return clock.Finish(frames);
+  return stages.Complete(frames);
 }
 
 }  // namespace depthtween

@@ -8,7 +8,7 @@
 
 #include <optional>
 
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/solve/ideal_pixels.h"
 #include "core/solve/surface.h"
 

@@ -19,12 +19,6 @@ constexpr float kNearest = 0.2F;
 
 using Point8 = Triple<Lanes>;
 
-double Sum(Lanes v) {
-  double sum = 0;
-  for (int i = 0; i < kLanes; ++i) sum += v[i];
-  return sum;
-}
-
 // The rows that one point's terms add to its block, eight points at a time.
 class BlockSums {
  public:
@@ -210,7 +204,7 @@ double LinearisePoints(const EnergyData& data, const Planes& unknowns, PointBloc
       sums.AddScalar(k, k, kDamping * over * over);
     }
     sums.Finish(at);
-    cost += Sum(block_cost);
+    cost += SumLanes<double>(block_cost);
   });
   return cost;
 }
@@ -278,7 +272,7 @@ double LineariseEdges(const EnergyData& data, const Planes& unknowns, Planes& gr
           StorePoint(gradient, 3 * k, at, LoadPoint(gradient, 3 * k, at) + b * force);
           StorePoint(gradient, turns + 3 * k, at, LoadPoint(gradient, turns + 3 * k, at) + b * torque);
         }
-        cost += Sum(block_cost);
+        cost += SumLanes<double>(block_cost);
       });
     }
   }
@@ -298,7 +292,7 @@ double LineariseEdges(const EnergyData& data, const Planes& unknowns, Planes& gr
       }
       StorePoint(gradient, turns + 3 * k, at, LoadPoint(gradient, turns + 3 * k, at) + sum);
     }
-    cost += Sum(block_cost);
+    cost += SumLanes<double>(block_cost);
   });
   return cost;
 }
@@ -562,7 +556,7 @@ double NormalMatrix::ApplyRanked(const Planes& next, float carry, Planes& x, Pla
         StoreLanes(out[i] + at, sum[i]);
         dot += sum[i] * own[i];
       }
-      product += Sum(dot);
+      product += SumLanes<double>(dot);
     }
   }
   return product;
@@ -603,7 +597,7 @@ double Preconditioner::ApplySized(float alpha, const Planes& x, const Planes& im
       dot += better[i] * rest[i];
       StoreLanes(out[i] + at, better[i]);
     }
-    product += Sum(dot);
+    product += SumLanes<double>(dot);
   });
   return product;
 }

@@ -22,7 +22,7 @@
 
 #include "core/base/image.h"
 #include "core/base/status.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/geometry/camera.h"
 #include "core/solve/energy.h"
 #include "core/solve/ideal_pixels.h"

@@ -3,7 +3,7 @@
 #define DEPTHTWEEN_CORE_SOLVE_SURFACE_H_
 
 #include "core/base/image.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/solve/ideal_pixels.h"
 #include "core/solve/triple.h"
 

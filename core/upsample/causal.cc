@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/base/parallel.h"
+#include "core/fill/key_cleaning.h"
 #include "core/fill/weighted_median.h"
 #include "core/flow/dense_flow.h"
 #include "core/upsample/choose.h"

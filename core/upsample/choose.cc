@@ -34,6 +34,9 @@ constexpr float kGoodCost = 6.0F;
 // Two keys that measured the pixel, agree and match at least this well leave nothing to search for.
 constexpr float kConfirmedCost = 8.0F;
 
+// How far the neighbours lie that each pixel of a checkerboard asks: good motions first jump, then spread.
+constexpr int kSteps[][2] = {{11, 4}, {4, 1}, {1, 1}};
+
 // The first proposal's match is looked at in one row and column of so many, and holds up to the next.
 constexpr int kCostGrid = 4;
 
@@ -106,8 +109,7 @@ void MarkDepthJumps(ImageView<const float> depth_m, const DepthNoise& noise, int
     for (; x + kLanes <= count; x += kLanes) {
       const Lanes za = LoadLanes(a + x), zb = LoadLanes(b + x);
       const Lanes nearer = MinLanes(za, zb);
-      const Lanes widest = kLayerGap * nearer + 4.0F * (noise.a_m + noise.b_per_m * nearer * nearer);
-      const LaneInts other = ~(AbsLanes(za - zb) <= widest);
+      const LaneInts other = ~(AbsLanes(za - zb) <= WidestGap(nearer, noise));
       typedef uint8_t Bytes __attribute__((vector_size(kLanes)));
       Bytes marked;
       std::memcpy(&marked, to + x, sizeof(marked));
@@ -185,6 +187,142 @@ inline float SampleInLayer(ImageView<const float> depth_m, float x, float y, con
   return MeanInLayer({z00, z10, z01, z11}, {w00, w10, w01, w11}, nearest, noise);
 }
 
+// One choice in the making: the first proposal of every pixel, its match, sweeps of search where that is uncertain, and
+// depth at last. Rows are split over threads; within a step no row reads what another writes.
+class Search {
+ public:
+  Search(const ChooseInput& input, int threads)
+      : input_(input),
+        threads_(threads),
+        width_(input.target->width()),
+        height_(input.target->height()),
+        sides_(input.keys[1] == nullptr ? 1 : 2) {
+    for (SideChoice& side : choice_.sides)
+      side = {Image<Flow2>(width_, height_), Image<float>(width_, height_), Image<float>(width_, height_)};
+    if (input.tau > 0.02F && input.tau < 0.98F) mirror_ = {-input.tau / (1 - input.tau), -(1 - input.tau) / input.tau};
+  }
+
+  void TakeFirstProposals() {
+    ParallelRows(height_, threads_, [&](int begin, int end) {
+      for (int s = 0; s < sides_; ++s) {
+        SideChoice& side = choice_.sides[s];
+        for (int y = begin; y < end; ++y) {
+          const Flow2* const proposed = input_.proposals[s][0].row(y);
+          std::copy_n(proposed, width_, side.motion.row(y));
+          float* const depth = side.depth_m.row(y);
+          for (int x = 0; x < width_; ++x) depth[x] = DepthAt(s, x, y, proposed[x]);
+        }
+      }
+    });
+  }
+
+  // In the middle of each cell of a grid; a row of cells is one item.
+  void CostFirstProposals() {
+    ParallelRows((height_ + kCostGrid - 1) / kCostGrid, threads_,
+                 [&](int begin, int end) {
+                   for (int row = begin; row < end; ++row) CostRowOfCells(row * kCostGrid);
+                 },
+                 /*band=*/4);
+  }
+
+  void MarkUncertain() { choice_.uncertain = Uncertain(input_, choice_, threads_); }
+
+  // Compares the other proposals and, sweep by sweep, what the neighbours and the other side found. Each sweep reads
+  // the one before, so that the order of pixels does not matter.
+  void Sweep(int sweep) {
+    constexpr int kBand = 16;
+    std::vector<std::vector<Found>> found((height_ + kBand - 1) / kBand);
+    ParallelRows(
+        height_, threads_,
+        [&](int begin, int end) {
+          for (int y = begin; y < end; ++y)
+            for (int x = 0; x < width_; ++x)
+              if (choice_.uncertain(x, y)) SearchPixel(sweep, x, y, found[begin / kBand]);
+        },
+        kBand);
+    for (const std::vector<Found>& better : found)
+      for (const Found& f : better) choice_.sides[f.side].motion(f.x, f.y) = f.motion;
+  }
+
+  Choice Finish() && {
+    ParallelRows(height_, threads_, [&](int begin, int end) {
+      for (int y = begin; y < end; ++y)
+        for (int x = 0; x < width_; ++x)
+          if (choice_.uncertain(x, y))
+            for (int s = 0; s < sides_; ++s)
+              choice_.sides[s].depth_m(x, y) = DepthAt(s, x, y, choice_.sides[s].motion(x, y));
+    });
+    return std::move(choice_);
+  }
+
+ private:
+  // What a sweep found, to be written once all have read.
+  struct Found {
+    int x, y, side;
+    Flow2 motion;
+  };
+
+  float DepthAt(int s, int x, int y, Flow2 m) const {
+    return SampleInLayer(input_.keys[s]->depth_m, static_cast<float>(x) + m.u, static_cast<float>(y) + m.v,
+                         input_.noise);
+  }
+  float CostAt(const MatchPatch& patch, int s, int x, int y, Flow2 m,
+               float limit = std::numeric_limits<float>::max()) const {
+    return CostOf(patch, *input_.keys[s], static_cast<float>(x) + m.u, static_cast<float>(y) + m.v, limit);
+  }
+
+  void CostRowOfCells(int top) {
+    const int bottom = std::min(height_, top + kCostGrid), y = (top + bottom) / 2;
+    for (int left = 0; left < width_; left += kCostGrid) {
+      const int right = std::min(width_, left + kCostGrid), x = (left + right) / 2;
+      const MatchPatch patch(*input_.target, x, y);
+      for (int s = 0; s < sides_; ++s)
+        std::fill(choice_.sides[s].cost.row(top) + left, choice_.sides[s].cost.row(top) + right,
+                  CostAt(patch, s, x, y, input_.proposals[s][0](x, y)));
+    }
+    for (int s = 0; s < sides_; ++s)
+      for (int y2 = top + 1; y2 < bottom; ++y2)
+        std::copy_n(choice_.sides[s].cost.row(top), width_, choice_.sides[s].cost.row(y2));
+  }
+
+  void SearchPixel(int sweep, int x, int y, std::vector<Found>& better) {
+    if (sweep > 0 && choice_.sides[0].cost(x, y) < kGoodCost && (sides_ < 2 || choice_.sides[1].cost(x, y) < kGoodCost))
+      return;
+    const MatchPatch patch(*input_.target, x, y);
+    for (int s = 0; s < sides_; ++s) {
+      SideChoice& side = choice_.sides[s];
+      const Flow2 incumbent = side.motion(x, y);
+      if (sweep == 0) side.cost(x, y) = CostAt(patch, s, x, y, incumbent);
+      float best_cost = side.cost(x, y);
+      if (best_cost < kGoodCost) continue;
+      Flow2 best = incumbent;
+      Tried tried(incumbent);
+      const auto propose = [&](Flow2 m) {
+        if (!tried.Add(m)) return;
+        const float cost = CostAt(patch, s, x, y, m, best_cost - kMargin);
+        if (cost < best_cost - kMargin) best = m, best_cost = cost;
+      };
+      if (sweep == 0)
+        for (size_t i = 1; i < input_.proposals[s].size(); ++i) propose(input_.proposals[s][i](x, y));
+      if (sides_ == 2 && mirror_[s] != 0) {
+        const Flow2 o = choice_.sides[1 - s].motion(x, y);
+        propose({mirror_[s] * o.u, mirror_[s] * o.v});
+      }
+      const int step = kSteps[std::min(sweep, 2)][(x + y) % 2];
+      for (const auto& [dx, dy] : {std::pair{0, -step}, {-step, 0}, {step, 0}, {0, step}})
+        if (side.motion.Contains(x + dx, y + dy)) propose(side.motion(x + dx, y + dy));
+      if (best_cost < side.cost(x, y)) better.push_back({x, y, s, best});
+      side.cost(x, y) = best_cost;
+    }
+  }
+
+  const ChooseInput& input_;
+  const int threads_, width_, height_, sides_;
+  // The other side's motion times this is this side's, for straight and even motion; 0 too near to a key to tell.
+  std::array<float, 2> mirror_ = {};
+  Choice choice_;
+};
+
 }  // namespace
 
 float SampleDepthInLayer(ImageView<const float> depth_m, float x, float y, const DepthNoise& noise) {
@@ -198,117 +336,12 @@ Image<uint8_t> NearDepthJumps(ImageView<const float> depth_m, int radius, const 
 }
 
 Choice Choose(const ChooseInput& input, const ChooseOptions& options, int threads) {
-  const MatchImage& target = *input.target;
-  const int width = target.width(), height = target.height();
-  const int sides = input.keys[1] == nullptr ? 1 : 2;
-  Choice choice;
-  for (SideChoice& side : choice.sides)
-    side = {Image<Flow2>(width, height), Image<float>(width, height), Image<float>(width, height)};
-
-  const auto depth_at = [&](int s, int x, int y, Flow2 m) {
-    return SampleInLayer(input.keys[s]->depth_m, static_cast<float>(x) + m.u, static_cast<float>(y) + m.v, input.noise);
-  };
-  const auto cost_at = [&](const MatchPatch& patch, int s, int x, int y, Flow2 m,
-                           float limit = std::numeric_limits<float>::max()) {
-    return CostOf(patch, *input.keys[s], static_cast<float>(x) + m.u, static_cast<float>(y) + m.v, limit);
-  };
-  // The first proposal, everywhere.
-  ParallelRows(height, threads, [&](int begin, int end) {
-    for (int s = 0; s < sides; ++s) {
-      SideChoice& side = choice.sides[s];
-      for (int y = begin; y < end; ++y) {
-        const Flow2* const proposed = input.proposals[s][0].row(y);
-        std::copy_n(proposed, width, side.motion.row(y));
-        float* const depth = side.depth_m.row(y);
-        for (int x = 0; x < width; ++x) depth[x] = depth_at(s, x, y, proposed[x]);
-      }
-    }
-  });
-  // Its match in the middle of each cell of a grid; a row of cells is one item.
-  ParallelRows((height + kCostGrid - 1) / kCostGrid, threads,
-               [&](int begin, int end) {
-                 for (int row = begin; row < end; ++row) {
-                   const int top = row * kCostGrid, bottom = std::min(height, top + kCostGrid), y = (top + bottom) / 2;
-                   for (int left = 0; left < width; left += kCostGrid) {
-                     const int right = std::min(width, left + kCostGrid), x = (left + right) / 2;
-                     const MatchPatch patch(target, x, y);
-                     for (int s = 0; s < sides; ++s)
-                       std::fill(choice.sides[s].cost.row(top) + left, choice.sides[s].cost.row(top) + right,
-                                 cost_at(patch, s, x, y, input.proposals[s][0](x, y)));
-                   }
-                   for (int s = 0; s < sides; ++s)
-                     for (int y2 = top + 1; y2 < bottom; ++y2)
-                       std::copy_n(choice.sides[s].cost.row(top), width, choice.sides[s].cost.row(y2));
-                 }
-               },
-               /*band=*/4);
-  choice.uncertain = Uncertain(input, choice, threads);
-
-  // Where uncertain: the other proposals and, sweep by sweep, what the neighbours and the other side found. Each sweep
-  // reads the one before, so that the order of pixels does not matter.
-  const float mirror[2] = {input.tau > 0.02F && input.tau < 0.98F ? -input.tau / (1 - input.tau) : 0.0F,
-                           input.tau > 0.02F && input.tau < 0.98F ? -(1 - input.tau) / input.tau : 0.0F};
-  // How far the neighbours lie that each pixel of a checkerboard asks: good motions first jump, then spread.
-  constexpr int kSteps[][2] = {{11, 4}, {4, 1}, {1, 1}};
-  // What a sweep found, to be written once all have read.
-  struct Found {
-    int x, y, side;
-    Flow2 motion;
-  };
-  constexpr int kBand = 16;
-  std::vector<std::vector<Found>> found((height + kBand - 1) / kBand);
-  for (int sweep = 0; sweep < options.sweeps; ++sweep) {
-    const auto search = [&](int x, int y, std::vector<Found>& better) {
-      if (sweep > 0 && choice.sides[0].cost(x, y) < kGoodCost && (sides < 2 || choice.sides[1].cost(x, y) < kGoodCost))
-        return;
-      const MatchPatch patch(target, x, y);
-      for (int s = 0; s < sides; ++s) {
-        SideChoice& side = choice.sides[s];
-        const Flow2 incumbent = side.motion(x, y);
-        if (sweep == 0) side.cost(x, y) = cost_at(patch, s, x, y, incumbent);
-        float best_cost = side.cost(x, y);
-        if (best_cost < kGoodCost) continue;
-        Flow2 best = incumbent;
-        Tried tried(incumbent);
-        const auto propose = [&](Flow2 m) {
-          if (!tried.Add(m)) return;
-          const float cost = cost_at(patch, s, x, y, m, best_cost - kMargin);
-          if (cost < best_cost - kMargin) best = m, best_cost = cost;
-        };
-        if (sweep == 0)
-          for (size_t i = 1; i < input.proposals[s].size(); ++i) propose(input.proposals[s][i](x, y));
-        if (sides == 2 && mirror[s] != 0) {
-          const Flow2 o = choice.sides[1 - s].motion(x, y);
-          propose({mirror[s] * o.u, mirror[s] * o.v});
-        }
-        const int step = kSteps[std::min(sweep, 2)][(x + y) % 2];
-        for (const auto& [dx, dy] : {std::pair{0, -step}, {-step, 0}, {step, 0}, {0, step}})
-          if (side.motion.Contains(x + dx, y + dy)) propose(side.motion(x + dx, y + dy));
-        if (best_cost < side.cost(x, y)) better.push_back({x, y, s, best});
-        side.cost(x, y) = best_cost;
-      }
-    };
-    ParallelRows(
-        height, threads,
-        [&](int begin, int end) {
-          std::vector<Found>& better = found[begin / kBand];
-          better.clear();
-          for (int y = begin; y < end; ++y)
-            for (int x = 0; x < width; ++x)
-              if (choice.uncertain(x, y)) search(x, y, better);
-        },
-        kBand);
-    for (const std::vector<Found>& better : found)
-      for (const Found& f : better) choice.sides[f.side].motion(f.x, f.y) = f.motion;
-  }
-  ParallelRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y)
-      for (int x = 0; x < width; ++x)
-        if (choice.uncertain(x, y))
-          for (int s = 0; s < sides; ++s)
-            choice.sides[s].depth_m(x, y) = depth_at(s, x, y, choice.sides[s].motion(x, y));
-  });
-  return choice;
+  Search search(input, threads);
+  search.TakeFirstProposals();
+  search.CostFirstProposals();
+  search.MarkUncertain();
+  for (int sweep = 0; sweep < options.sweeps; ++sweep) search.Sweep(sweep);
+  return std::move(search).Finish();
 }
 
 }  // namespace depthtween

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "core/base/image.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/upsample/keys.h"
 #include "core/upsample/match.h"
 

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "core/fill/key_cleaning.h"
+
 namespace depthtween {
 namespace {
 

@@ -5,7 +5,7 @@
 #include <stop_token>
 
 #include "core/base/status.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/sequence/sequence.h"
 #include "core/upsample/match.h"
 #include "core/upsample/upsampler.h"

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/fill/key_cleaning.h"
 #include "core/fill/weighted_median.h"
 #include "core/upsample/choose.h"
 #include "core/upsample/fuse.h"

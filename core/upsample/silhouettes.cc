@@ -47,12 +47,6 @@ Lanes Falloff(Lanes d, float scale) {
   return power4 * power4;
 }
 
-float Sum(Lanes v) {
-  float sum = 0;
-  for (int i = 0; i < kLanes; ++i) sum += v[i];
-  return sum;
-}
-
 // The window of neighbours is as many columns wide, from a first one that keeps it inside the image, ...
 constexpr int kColumns = 2 * kLanes;
 static_assert(2 * kWindowRadius + 1 <= kColumns);
@@ -180,13 +174,13 @@ class Looker {
     }
     Surroundings out = {};
     for (int surface = 0; surface < 2; ++surface) {
-      out.like[surface] = kNoVote + Sum(like[surface]);
-      out.akin[surface] = kNoVote + Sum(akin[surface]);
+      out.like[surface] = kNoVote + SumLanes(like[surface]);
+      out.akin[surface] = kNoVote + SumLanes(akin[surface]);
       for (int s = 0; s < 2; ++s) {
-        const float total = Sum(weight[surface][s]);
+        const float total = SumLanes(weight[surface][s]);
         if (total > 0)
-          out.motion[surface][s] = {total, Sum(u[surface][s]) / total, Sum(v[surface][s]) / total,
-                                    Sum(there[surface][s]) / total};
+          out.motion[surface][s] = {total, SumLanes(u[surface][s]) / total, SumLanes(v[surface][s]) / total,
+                                    SumLanes(there[surface][s]) / total};
       }
     }
     return out;

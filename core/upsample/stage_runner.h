@@ -1,10 +1,13 @@
-// Runs the stages of one interval: each is timed and announced, and stops between items when the caller asks to.
+// The stages of one interval, of any method: each is timed and announced, and stops between items when the caller asks
+// to.
 //
 // Threads: one StageRunner belongs to one thread; SideBySide calls its body from several.
 #ifndef DEPTHTWEEN_CORE_UPSAMPLE_STAGE_RUNNER_H_
 #define DEPTHTWEEN_CORE_UPSAMPLE_STAGE_RUNNER_H_
 
 #include <chrono>
+#include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -16,17 +19,35 @@ namespace depthtween {
 
 class StageRunner {
  public:
+  // Borrows `context`.
   explicit StageRunner(const RunContext& context) : context_(context) {}
 
-  // Body: absl::Status() or absl::StatusOr<T>(), which is returned. Its seconds are added to the summary under `name`.
+  // Ends the stage before and begins another; its wall seconds are added to the summary under its name.
+  void Begin(std::string_view stage) {
+    End();
+    if (context_.on_stage) context_.on_stage(stage);
+    stage_ = stage;
+    began_ = std::chrono::steady_clock::now();
+  }
+  void End() {
+    if (stage_.empty()) return;
+    summary_.stage_seconds[stage_] += std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
+    stage_.clear();
+  }
+
+  // Body: absl::Status() or absl::StatusOr<T>(), which is returned.
   template <typename Body>
-  auto Stage(const char* name, const Body& body) -> decltype(body()) {
-    if (context_.stop.stop_requested()) return absl::CancelledError("stopped on request");
-    if (context_.on_stage) context_.on_stage(name);
-    const auto start = std::chrono::steady_clock::now();
+  auto Stage(std::string_view name, const Body& body) -> decltype(body()) {
+    RETURN_IF_ERROR(CheckStop());
+    Begin(name);
     auto made = body();
-    summary_.stage_seconds[name] += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    End();
     return made;
+  }
+
+  // Cancelled once the caller has asked to stop.
+  absl::Status CheckStop() const {
+    return context_.stop.stop_requested() ? absl::CancelledError("stopped on request") : absl::OkStatus();
   }
 
   // Body: absl::Status(int). Runs body(i) for count items side by side and returns the first error in item order.
@@ -34,7 +55,8 @@ class StageRunner {
   absl::Status SideBySide(int count, const Body& body) const {
     std::vector<absl::Status> statuses(count);
     ParallelFor(count, context_.threads, [&](int i) {
-      statuses[i] = context_.stop.stop_requested() ? absl::CancelledError("stopped on request") : body(i);
+      statuses[i] = CheckStop();
+      if (statuses[i].ok()) statuses[i] = body(i);
     });
     for (absl::Status& status : statuses) RETURN_IF_ERROR(std::move(status));
     return absl::OkStatus();
@@ -43,7 +65,9 @@ class StageRunner {
   int threads() const { return context_.threads; }
   bool want_motion() const { return context_.want_motion; }
 
+  // Of a run that came to its end.
   IntervalSummary Complete(int frames) {
+    End();
     summary_.termination = "complete";
     summary_.frames = frames;
     return std::move(summary_);
@@ -51,6 +75,8 @@ class StageRunner {
 
  private:
   const RunContext& context_;
+  std::string stage_;  // empty between stages
+  std::chrono::steady_clock::time_point began_;
   IntervalSummary summary_;
 };
 

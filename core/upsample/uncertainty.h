@@ -6,7 +6,7 @@
 #define DEPTHTWEEN_CORE_UPSAMPLE_UNCERTAINTY_H_
 
 #include "core/base/image.h"
-#include "core/fill/key_cleaning.h"
+#include "core/fill/depth_noise.h"
 #include "core/upsample/fuse.h"
 
 namespace depthtween {
