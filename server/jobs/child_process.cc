@@ -161,33 +161,28 @@ std::string EndOfFile(const std::string& path) {
   return text;
 }
 
-}  // namespace
+// A child that runs, as seen from here.
+struct Child {
+  pid_t id = 0;
+  Fd process;   // readable once it has ended
+  Fd progress;  // its lines; reading never waits
+};
 
-std::string ChildOutcome::Describe() const {
-  if (signal == 0) return absl::StrCat("exit code ", exit_code);
-  const char* const name = sigabbrev_np(signal);
-  const char* const meaning = sigdescr_np(signal);
-  return absl::StrCat("killed by SIG", name == nullptr ? absl::StrCat(signal) : name, " (",
-                      meaning == nullptr ? "unknown" : meaning, ")");
-}
-
-absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, std::stop_token stop,
-                                      const std::function<bool(std::string_view line)>& on_line) {
+absl::StatusOr<Child> StartChild(const ChildSpec& spec) {
   std::array<int, 2> pipe_ends{};
   if (pipe2(pipe_ends.data(), O_CLOEXEC) != 0) return ErrnoStatus(errno, "pipe");
-  const Fd pipe_out(pipe_ends[0]);
-  Fd pipe_in(pipe_ends[1]);
+  Child child;
+  child.progress = Fd(pipe_ends[0]);
+  const Fd pipe_in(pipe_ends[1]);
   const auto open_output = [&spec](const char* name) {
     return Fd(open((spec.folder + name).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
   };
-  Fd output = open_output("/stdout");
+  const Fd output = open_output("/stdout");
   if (!output.valid()) return ErrnoStatus(errno, "create " + spec.folder + "/stdout");
-  Fd error_output = open_output("/stderr");
+  const Fd error_output = open_output("/stderr");
   if (!error_output.valid()) return ErrnoStatus(errno, "create " + spec.folder + "/stderr");
-  const Fd stop_event(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
-  if (!stop_event.valid()) return ErrnoStatus(errno, "eventfd");
   // Only the reading end: the child expects writes to wait when the pipe is full.
-  if (fcntl(pipe_out.get(), F_SETFL, O_NONBLOCK) != 0) return ErrnoStatus(errno, "fcntl");
+  if (fcntl(child.progress.get(), F_SETFL, O_NONBLOCK) != 0) return ErrnoStatus(errno, "fcntl");
 
   Launch launch{.progress = pipe_in.get(),
                 .output = output.get(),
@@ -198,76 +193,124 @@ absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, std::stop_token sto
   for (const std::string& argument : spec.arguments) launch.arguments.push_back(const_cast<char*>(argument.c_str()));
   launch.arguments.push_back(nullptr);
   // dup2 in the child must not hit a descriptor that it still needs.
-  std::array<Fd, 3> moved;
-  int* const sources[] = {&launch.progress, &launch.output, &launch.error_output};
-  for (size_t i = 0; i < moved.size(); ++i) {
-    moved[i] = Fd(fcntl(*sources[i], F_DUPFD_CLOEXEC, kProgressFd + 1));
-    if (!moved[i].valid()) return ErrnoStatus(errno, "fcntl");
-    *sources[i] = moved[i].get();
+  std::vector<Fd> moved;
+  for (int* const source : {&launch.progress, &launch.output, &launch.error_output}) {
+    moved.emplace_back(fcntl(*source, F_DUPFD_CLOEXEC, kProgressFd + 1));
+    if (!moved.back().valid()) return ErrnoStatus(errno, "fcntl");
+    *source = moved.back().get();
   }
 
-  const pid_t child = fork();
-  if (child < 0) return ErrnoStatus(errno, "fork");
-  if (child == 0) BecomeChild(launch);
-  setpgid(child, child);  // whoever of the two comes first
-  for (Fd& fd : moved) fd.Close();
-  for (Fd* fd : {&pipe_in, &output, &error_output}) fd->Close();
-  const Fd process(pidfd_open(child, 0));
-  if (!process.valid()) {
+  child.id = fork();
+  if (child.id < 0) return ErrnoStatus(errno, "fork");
+  if (child.id == 0) BecomeChild(launch);
+  setpgid(child.id, child.id);  // parent and child both do: either may come first
+  child.process = Fd(pidfd_open(child.id, 0));
+  if (!child.process.valid()) {
     const int error_number = errno;
-    kill(-child, SIGKILL);
-    waitpid(child, nullptr, 0);
+    kill(-child.id, SIGKILL);
+    waitpid(child.id, nullptr, 0);
     return ErrnoStatus(error_number, "pidfd_open");
   }
+  return child;  // the ends that are the child's close here
+}
+
+// Takes the child's lines until it has ended, and ends it when `stop_event` is readable, on_line says so or its time is
+// over: first with SIGTERM, after the grace with SIGKILL.
+class Supervision {
+ public:
+  Supervision(const ChildSpec& spec, const Child& child, const Fd& stop_event,
+              const std::function<bool(std::string_view line)>& on_line, ChildOutcome& outcome)
+      : spec_(spec), child_(child), stop_event_(stop_event), on_line_(on_line), outcome_(outcome) {}
+
+  void Run() {
+    while (Wait()) {
+    }
+  }
+
+ private:
+  // The next thing that happens. False once the child has ended.
+  bool Wait() {
+    // The end of the pipe is not the end of the child, nor the other way round.
+    std::array<pollfd, 3> waits{{{child_.process.get(), POLLIN, 0},
+                                 {outcome_.stopped ? -1 : stop_event_.get(), POLLIN, 0},
+                                 {pipe_open_ ? child_.progress.get() : -1, POLLIN, 0}}};
+    if (poll(waits.data(), waits.size(), TimeoutMs()) < 0 && errno != EINTR) return false;
+    if (!outcome_.stopped && absl::Now() >= time_over_) {
+      outcome_.timed_out = true;
+      BeginStop();
+    }
+    if (absl::Now() >= kill_at_) {
+      kill(-child_.id, SIGKILL);
+      kill_at_ = absl::InfiniteFuture();
+    }
+    if (waits[1].revents != 0) BeginStop();
+    const bool running = waits[0].revents == 0;
+    if (waits[2].revents != 0 || !running) pipe_open_ = ReadLines() && pipe_open_;
+    return running;
+  }
+
+  int TimeoutMs() const {
+    const absl::Time next = outcome_.stopped ? kill_at_ : time_over_;
+    if (next == absl::InfiniteFuture()) return -1;
+    const int64_t left_ms = absl::ToInt64Milliseconds(next - absl::Now()) + 1;
+    return static_cast<int>(std::clamp<int64_t>(left_ms, 0, std::numeric_limits<int>::max()));
+  }
+
+  void BeginStop() {
+    if (std::exchange(outcome_.stopped, true)) return;
+    kill(-child_.id, SIGTERM);
+    kill_at_ = absl::Now() + spec_.grace;
+  }
+
+  bool ReadLines() {
+    return reader_.ReadFrom(child_.progress.get(), [this](std::string_view line) {
+      if (!on_line_(line)) BeginStop();
+    });
+  }
+
+  const ChildSpec& spec_;
+  const Child& child_;
+  const Fd& stop_event_;
+  const std::function<bool(std::string_view line)>& on_line_;
+  ChildOutcome& outcome_;
+  absl::Time kill_at_ = absl::InfiniteFuture();
+  const absl::Time time_over_ = absl::Now() + spec_.time_limit;
+  LineReader reader_;
+  bool pipe_open_ = true;
+};
+
+}  // namespace
+
+std::string ChildOutcome::Describe() const {
+  if (signal == 0) return absl::StrCat("exit code ", exit_code);
+  const char* const name = sigabbrev_np(signal);
+  const char* const meaning = sigdescr_np(signal);
+  return absl::StrCat("killed by SIG", name == nullptr ? absl::StrCat(signal) : name, " (",
+                      meaning == nullptr ? "unknown" : meaning, ")");
+}
+
+absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, const std::stop_token& stop,
+                                      const std::function<bool(std::string_view line)>& on_line) {
+  const Fd stop_event(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  if (!stop_event.valid()) return ErrnoStatus(errno, "eventfd");
+  ASSIGN_OR_RETURN(const Child child, StartChild(spec));
   // For KillLeftChild. Without it there is still PR_SET_PDEATHSIG, so a full disk is no reason to stop here.
-  WriteScratchFile(spec.folder + "/child", absl::StrCat(child, " ", StartTime(child), "\n")).IgnoreError();
+  WriteScratchFile(spec.folder + "/child", absl::StrCat(child.id, " ", StartTime(child.id), "\n")).IgnoreError();
 
   ChildOutcome outcome;
-  const std::stop_callback on_stop(stop, [&stop_event] {
-    const uint64_t one = 1;
-    // Cannot fail: the counter is far from full.
-    [[maybe_unused]] const ssize_t written = write(stop_event.get(), &one, sizeof(one));
-  });
-  absl::Time kill_at = absl::InfiniteFuture();
-  const absl::Time time_over = absl::Now() + spec.time_limit;
-  const auto begin_stop = [&] {
-    if (std::exchange(outcome.stopped, true)) return;
-    kill(-child, SIGTERM);
-    kill_at = absl::Now() + spec.grace;
-  };
-  LineReader reader;
-  const auto take_line = [&](std::string_view line) {
-    if (!on_line(line)) begin_stop();
-  };
-  bool pipe_open = true;
-  for (bool running = true; running;) {
-    // The end of the pipe is not the end of the child, nor the other way round.
-    std::array<pollfd, 3> waits{{{process.get(), POLLIN, 0},
-                                 {outcome.stopped ? -1 : stop_event.get(), POLLIN, 0},
-                                 {pipe_open ? pipe_out.get() : -1, POLLIN, 0}}};
-    int timeout_ms = -1;
-    if (const absl::Time next = outcome.stopped ? kill_at : time_over; next != absl::InfiniteFuture()) {
-      const int64_t left_ms = absl::ToInt64Milliseconds(next - absl::Now()) + 1;
-      timeout_ms = static_cast<int>(std::clamp<int64_t>(left_ms, 0, std::numeric_limits<int>::max()));
-    }
-    if (poll(waits.data(), waits.size(), timeout_ms) < 0 && errno != EINTR) break;
-    if (!outcome.stopped && absl::Now() >= time_over) {
-      outcome.timed_out = true;
-      begin_stop();
-    }
-    if (absl::Now() >= kill_at) {
-      kill(-child, SIGKILL);
-      kill_at = absl::InfiniteFuture();
-    }
-    if (waits[1].revents != 0) begin_stop();
-    running = waits[0].revents == 0;
-    if (waits[2].revents != 0 || !running) pipe_open = reader.ReadFrom(pipe_out.get(), take_line) && pipe_open;
+  {
+    const std::stop_callback on_stop(stop, [&stop_event] {
+      const uint64_t one = 1;
+      // Cannot fail: the counter is far from full.
+      [[maybe_unused]] const ssize_t written = write(stop_event.get(), &one, sizeof(one));
+    });
+    Supervision(spec, child, stop_event, on_line, outcome).Run();
   }
 
   // Before it is reaped its id cannot belong to anybody else: the moment to end whatever it has started itself.
-  kill(-child, SIGKILL);
+  kill(-child.id, SIGKILL);
   int state = 0;
-  while (waitpid(child, &state, 0) < 0 && errno == EINTR) {
+  while (waitpid(child.id, &state, 0) < 0 && errno == EINTR) {
   }
   if (WIFEXITED(state)) outcome.exit_code = WEXITSTATUS(state);
   if (WIFSIGNALED(state)) outcome.signal = WTERMSIG(state);

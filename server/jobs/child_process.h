@@ -38,7 +38,7 @@ struct ChildOutcome {
 // KiB are cut. When `stop` fires: SIGTERM to the group, SIGKILL after the grace. The child dies with the *thread* that
 // called this (PR_SET_PDEATHSIG is bound to it), hence with this process. Errors: only when the child could not be
 // started.
-absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, std::stop_token stop,
+absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, const std::stop_token& stop,
                                       const std::function<bool(std::string_view line)>& on_line);
 
 // Kills the process group that a dead server left in `folder`, if it still lives and is the same one (by start time).

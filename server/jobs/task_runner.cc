@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
 #include "core/sequence/part_reports.h"
+#include "nlohmann/json.hpp"
 #include "server/jobs/child_process.h"
 #include "server/jobs/files.h"
 #include "server/store/error_info.h"
@@ -59,7 +60,7 @@ absl::Status ChildError(const Task& task, const ChildOutcome& outcome, const std
   if (said) return WithContext(*said, what);
   const absl::string_view output = absl::StripAsciiWhitespace(outcome.error_output);
   return absl::InternalError(
-      absl::StrCat(what, ": ", outcome.Describe(), output.empty() ? "" : absl::StrCat("; its last words: ", output)));
+      absl::StrCat(what, ": ", outcome.Describe(), output.empty() ? "" : absl::StrCat("; its last output: ", output)));
 }
 
 void LimitViolations(ValidationResult& result) {
@@ -71,13 +72,17 @@ void LimitViolations(ValidationResult& result) {
 
 }  // namespace
 
+std::string TaskRunner::ConstantsFile(const std::string& job_id) const {
+  return directory_.JobFolder(job_id) + "/constants.json";
+}
+
 absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, const PlannedInterval& interval) {
   ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
                    store_.JobFrames(task.job_id, interval.first_frame, interval.frame_count));
   const std::string from = directory_.TaskFolder(task.number);
   const std::string to = directory_.OutFolder(task.job_id);
   const bool rendered = task.kind == TaskKind::kRender;
-  // Motion goes before depth: whoever finds a frame's depth finds what belongs to it. Not every frame has motion.
+  // Motion goes before depth, so that a frame with depth is complete. Not every frame has motion.
   if (!rendered && KeepsMotion(job)) {
     for (const FrameRecord& frame : frames) {
       const std::string name = kMotionFolder + frame.stem + ".npz";
@@ -132,8 +137,7 @@ absl::StatusOr<std::optional<std::vector<int>>> TaskRunner::FramesAssembled(cons
 
 absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
   const std::string from = directory_.OutFolder(job.depth_from), to = directory_.OutFolder(job.id);
-  const absl::StatusOr<std::string> constants =
-      ReadWholeFile(directory_.JobFolder(job.depth_from) + "/constants.json", kMaxAnswerBytes);
+  const absl::StatusOr<std::string> constants = ReadWholeFile(ConstantsFile(job.depth_from), kMaxAnswerBytes);
   if (absl::IsNotFound(constants.status())) {
     return absl::FailedPreconditionError(
         absl::StrCat("jobs/", job.depth_from, ", whose depth was to be taken over, has been deleted"));
@@ -171,8 +175,7 @@ absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
       return FileOfJobLost(other, "motion", without_motion);
     }
   }
-  RETURN_IF_ERROR(LinkFile(directory_.JobFolder(job.depth_from) + "/constants.json",
-                           directory_.JobFolder(job.id) + "/constants.json"));
+  RETURN_IF_ERROR(LinkFile(ConstantsFile(job.depth_from), ConstantsFile(job.id)));
   for (const OutputSpec& output : OutputsOf({})) {
     if (output.frames) RETURN_IF_ERROR(SyncFolder(to + "/" + output.file_name));
   }
@@ -182,140 +185,143 @@ absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
   return plan;
 }
 
-TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_token stop, const TaskEvents& events) {
-  // An error on our side of the work, such as a full disk, is judged as one of the child's.
-  const auto failed = [](const absl::Status& error) {
-    return TaskOutcome{.error = error, .retry = WorthRetrying(error.code())};
-  };
+absl::StatusOr<TaskPaths> TaskRunner::WriteOrder(const Task& task, const JobRecord& job) {
   const std::string folder = directory_.TaskFolder(task.number);
-  const std::string constants = directory_.JobFolder(task.job_id) + "/constants.json";
-  if (task.kind == TaskKind::kPrepare) {
-    if (const absl::Status made = MakeResultFolders(job); !made.ok()) return failed(made);
-    if (!job.depth_from.empty()) {
-      absl::StatusOr<JobPlan> plan = TakeOverDepth(job);
-      if (!plan.ok()) return failed(plan.status());
-      return {.plan = *std::move(plan)};
-    }
-  }
+  RETURN_IF_ERROR(MakeFolder(folder));
   TaskPaths paths = {.program = options_.core_program,
                      .sequence = directory_.SequenceFolder(task.sequence_id),
                      .options = folder + "/options.json",
-                     .constants = constants};
-  if (const absl::Status made = MakeFolder(folder); !made.ok()) return failed(made);
-  if (task.kind != TaskKind::kValidate) {
-    paths.threads = job.threads > 0 ? job.threads : options_.default_threads;
-    paths.keep_motion = NeedsMotion(job);
-    const std::string order = OrderJson(job.kind, job.options, job.renders);
-    if (const absl::Status written = WriteScratchFile(paths.options, order); !written.ok()) {
-      return failed(written);
+                     .constants = ConstantsFile(task.job_id)};
+  if (task.kind == TaskKind::kValidate) return paths;
+  paths.threads = job.threads > 0 ? job.threads : options_.default_threads;
+  paths.keep_motion = NeedsMotion(job);
+  RETURN_IF_ERROR(WriteScratchFile(paths.options, OrderJson(job.kind, job.options, job.renders)));
+  switch (task.kind) {
+    case TaskKind::kValidate:
+      break;
+    case TaskKind::kPrepare:
+      paths.constants = folder + "/constants.json";
+      break;
+    case TaskKind::kIntervals:
+      paths.out = folder;
+      break;
+    case TaskKind::kRender:
+      paths.out = folder;
+      paths.result = directory_.OutFolder(task.job_id);
+      break;
+    case TaskKind::kSelfCheck:
+      paths.out = folder + "/self_check.json";
+      break;
+    case TaskKind::kAssemble:
+      paths.out = directory_.OutFolder(task.job_id);
+      if (!job.self_check) break;
+      paths.self_check = folder + "/self_check.json";
+      RETURN_IF_ERROR(WriteScratchFile(paths.self_check, ToJson(*job.self_check).dump()));
+      break;
+  }
+  return paths;
+}
+
+absl::Status TaskRunner::TakeAnswer(const Task& task, const JobRecord& job, const TaskPaths& paths,
+                                    TaskOutcome& outcome) {
+  switch (task.kind) {
+    case TaskKind::kValidate: {
+      ASSIGN_OR_RETURN(const std::string answer,
+                       ReadWholeFile(directory_.TaskFolder(task.number) + "/stdout", kMaxAnswerBytes));
+      ASSIGN_OR_RETURN(ValidationResult result, ParseValidation(answer));
+      LimitViolations(result);
+      for (FileViolation& violation : result.violations) violation.status = directory_.WithoutPath(violation.status);
+      outcome.validation = std::move(result);
+      break;
+    }
+    case TaskKind::kSelfCheck: {
+      ASSIGN_OR_RETURN(const std::string answer, ReadWholeFile(paths.out, kMaxAnswerBytes));
+      ASSIGN_OR_RETURN(outcome.self_check, ReadSelfCheck(answer));
+      break;
+    }
+    case TaskKind::kPrepare: {
+      ASSIGN_OR_RETURN(const std::string answer, ReadWholeFile(paths.constants, kMaxAnswerBytes));
+      ASSIGN_OR_RETURN(JobPlan plan, ParsePlan(answer));
+      // Durable before the plan is recorded.
+      RETURN_IF_ERROR(MoveFile(paths.constants, ConstantsFile(task.job_id)));
+      RETURN_IF_ERROR(SyncFolder(directory_.JobFolder(task.job_id)));
+      outcome.plan = std::move(plan);
+      break;
+    }
+    case TaskKind::kIntervals:
+    case TaskKind::kRender:
+      break;  // what they made was taken interval by interval
+    case TaskKind::kAssemble:
+      RETURN_IF_ERROR(SyncFolder(paths.out));
+      ASSIGN_OR_RETURN(outcome.assembled, FramesAssembled(job));
+      break;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const std::stop_token& stop,
+                                 const TaskEvents& events, TaskOutcome& outcome) {
+  if (task.kind == TaskKind::kPrepare) {
+    RETURN_IF_ERROR(MakeResultFolders(job));
+    if (!job.depth_from.empty()) {
+      ASSIGN_OR_RETURN(outcome.plan, TakeOverDepth(job));
+      return absl::OkStatus();
     }
   }
-  if (task.kind == TaskKind::kPrepare) paths.constants = folder + "/constants.json";
-  const bool cut = task.kind == TaskKind::kIntervals || task.kind == TaskKind::kRender;
-  if (cut) paths.out = folder;
-  if (task.kind == TaskKind::kRender) paths.result = directory_.OutFolder(task.job_id);
-  if (task.kind == TaskKind::kAssemble) paths.out = directory_.OutFolder(task.job_id);
-  if (task.kind == TaskKind::kSelfCheck) paths.out = folder + "/self_check.json";
-  if (task.kind == TaskKind::kAssemble && job.self_check) {
-    paths.self_check = folder + "/self_check.json";
-    if (const absl::Status written = WriteScratchFile(paths.self_check, ToJson(*job.self_check).dump());
-        !written.ok()) {
-      return failed(written);
-    }
+  ASSIGN_OR_RETURN(const TaskPaths paths, WriteOrder(task, job));
+  std::vector<PlannedInterval> intervals;
+  if (task.kind == TaskKind::kIntervals || task.kind == TaskKind::kRender) {
+    ASSIGN_OR_RETURN(intervals, store_.JobIntervals(task.job_id, task.first_interval, task.interval_count));
   }
 
-  std::vector<PlannedInterval> intervals;
-  if (cut) {
-    absl::StatusOr<std::vector<PlannedInterval>> planned =
-        store_.JobIntervals(task.job_id, task.first_interval, task.interval_count);
-    if (!planned.ok()) return failed(planned.status());
-    intervals = *std::move(planned);
-  }
-  const std::string render = task.kind == TaskKind::kRender ? job.renders[task.render].name : std::string();
   std::set<int> finished;
-  std::optional<absl::Status> said;
+  std::optional<absl::Status> said;  // by the child: why it fails
   absl::Status ours;
+  const auto finish = [&](const ProgressLine::IntervalDone& done) -> absl::Status {
+    const int position = done.interval - task.first_interval;
+    if (position < 0 || position >= static_cast<int>(intervals.size())) {
+      return absl::InternalError(
+          absl::StrFormat("depthtween-core finished interval %d, which it was not given", done.interval));
+    }
+    const PlannedInterval& interval = intervals[static_cast<size_t>(position)];
+    if (!finished.insert(interval.index).second) return absl::OkStatus();
+    RETURN_IF_ERROR(MoveInterval(task, job, interval));
+    return events.on_interval(interval, done.seconds);
+  };
   const auto on_line = [&](std::string_view text) {
     const ProgressLine line = ParseProgressLine(text);
     if (line.stage) events.on_stage(*line.stage);
     if (line.checked) events.on_checked(line.checked->checked, line.checked->of);
     if (line.error) said = line.error;
     if (line.lost) said = LostStatus(*line.lost, task.job_id, task.sequence_id);
-    if (line.interval_done) {
-      const int position = line.interval_done->interval - task.first_interval;
-      if (position < 0 || position >= static_cast<int>(intervals.size())) {
-        ours = absl::InternalError(absl::StrFormat("depthtween-core finished interval %d, which it was not given",
-                                                   line.interval_done->interval));
-        return false;
-      }
-      const PlannedInterval& interval = intervals[static_cast<size_t>(position)];
-      if (!finished.insert(interval.index).second) return true;
-      ours = MoveInterval(task, job, interval);
-      if (ours.ok()) ours = events.on_interval(interval, line.interval_done->seconds);
-    }
+    if (line.interval_done && ours.ok()) ours = finish(*line.interval_done);
     return ours.ok();
   };
 
+  const std::string render = task.kind == TaskKind::kRender ? job.renders[task.render].name : std::string();
   const absl::StatusOr<ChildOutcome> child = RunChild({.arguments = TaskCommand(task, paths, render),
-                                                       .folder = folder,
+                                                       .folder = directory_.TaskFolder(task.number),
                                                        .memory_bytes = options_.child_memory_bytes,
                                                        .file_bytes = options_.child_file_bytes,
                                                        .grace = options_.grace},
                                                       stop, on_line);
-  if (!child.ok()) return failed(WithContext(child.status(), "start of depthtween-core"));
-  if (!ours.ok()) return failed(ours);
-  if (child->stopped) return {.error = absl::CancelledError("the task was stopped"), .stopped = true};
-  if (child->exit_code != 0) return failed(ChildError(task, *child, said));
-
-  TaskOutcome outcome;
-  switch (task.kind) {
-    case TaskKind::kValidate: {
-      const absl::StatusOr<std::string> answer = ReadWholeFile(folder + "/stdout", kMaxAnswerBytes);
-      if (!answer.ok()) return failed(answer.status());
-      absl::StatusOr<ValidationResult> result = ParseValidation(*answer);
-      if (!result.ok()) return failed(result.status());
-      LimitViolations(*result);
-      for (FileViolation& violation : result->violations) violation.status = directory_.WithoutPath(violation.status);
-      outcome.validation = *std::move(result);
-      return outcome;
-    }
-    case TaskKind::kSelfCheck: {
-      const absl::StatusOr<std::string> answer = ReadWholeFile(paths.out, kMaxAnswerBytes);
-      if (!answer.ok()) return failed(answer.status());
-      absl::StatusOr<SelfCheck> check = ReadSelfCheck(*answer);
-      if (!check.ok()) return failed(check.status());
-      outcome.self_check = *std::move(check);
-      return outcome;
-    }
-    case TaskKind::kPrepare: {
-      const absl::StatusOr<std::string> answer = ReadWholeFile(paths.constants, kMaxAnswerBytes);
-      if (!answer.ok()) return failed(answer.status());
-      absl::StatusOr<JobPlan> plan = ParsePlan(*answer);
-      if (!plan.ok()) return failed(plan.status());
-      // Before the plan is recorded.
-      const auto keep = [&]() -> absl::Status {
-        RETURN_IF_ERROR(MoveFile(paths.constants, constants));
-        return SyncFolder(directory_.JobFolder(task.job_id));
-      };
-      if (const absl::Status kept = keep(); !kept.ok()) return failed(kept);
-      outcome.plan = *std::move(plan);
-      return outcome;
-    }
-    case TaskKind::kIntervals:
-    case TaskKind::kRender:
-      if (finished.size() != intervals.size()) {
-        return failed(absl::InternalError(absl::StrFormat("depthtween-core ended well with %d of %d intervals done",
-                                                          finished.size(), intervals.size())));
-      }
-      return outcome;
-    case TaskKind::kAssemble: {
-      if (const absl::Status synced = SyncFolder(paths.out); !synced.ok()) return failed(synced);
-      absl::StatusOr<std::optional<std::vector<int>>> assembled = FramesAssembled(job);
-      if (!assembled.ok()) return failed(assembled.status());
-      outcome.assembled = *std::move(assembled);
-      return outcome;
-    }
+  if (!child.ok()) return WithContext(child.status(), "start of depthtween-core");
+  RETURN_IF_ERROR(ours);
+  outcome.stopped = child->stopped;
+  if (child->stopped) return absl::CancelledError("the task was stopped");
+  if (child->exit_code != 0) return ChildError(task, *child, said);
+  if (finished.size() != intervals.size()) {
+    return absl::InternalError(
+        absl::StrFormat("depthtween-core ended well with %d of %d intervals done", finished.size(), intervals.size()));
   }
+  return TakeAnswer(task, job, paths, outcome);
+}
+
+TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_token stop, const TaskEvents& events) {
+  TaskOutcome outcome;
+  // An error on our side of the work, such as a full disk, is judged as one of the child's.
+  outcome.error = Attempt(task, job, stop, events, outcome);
+  outcome.retry = !outcome.error.ok() && !outcome.stopped && WorthRetrying(outcome.error.code());
   return outcome;
 }
 

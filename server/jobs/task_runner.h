@@ -5,6 +5,7 @@
 #include <functional>
 #include <optional>
 #include <stop_token>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -47,6 +48,14 @@ class TaskRunner {
   TaskOutcome Run(const Task& task, const JobRecord& job, std::stop_token stop, const TaskEvents& events);
 
  private:
+  // Run, but for its verdict on the error that is returned. Fills the outcome's other fields.
+  absl::Status Attempt(const Task& task, const JobRecord& job, const std::stop_token& stop, const TaskEvents& events,
+                       TaskOutcome& outcome);
+  // Writes what the child reads and says where everything is.
+  absl::StatusOr<TaskPaths> WriteOrder(const Task& task, const JobRecord& job);
+  // Of a child that ended well: reads what it answered and makes durable what it left.
+  absl::Status TakeAnswer(const Task& task, const JobRecord& job, const TaskPaths& paths, TaskOutcome& outcome);
+  std::string ConstantsFile(const std::string& job_id) const;
   absl::Status MoveInterval(const Task& task, const JobRecord& job, const PlannedInterval& interval);
   // Makes what later tasks find on the disk durable, before the plan is recorded.
   absl::Status MakeResultFolders(const JobRecord& job);
