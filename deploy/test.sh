@@ -2,6 +2,7 @@
 # Everything that must be green before a change lands; CI runs exactly this. For one part of it: deploy/test.sh STEP...
 #
 #   style   layering of the source tree, clang-format
+#   tidy    clang-tidy on the sources that changed last; for all: deploy/tidy.sh
 #   suite   all tests, once: optimised, with assertions
 #   asan    core, jobs and store under AddressSanitizer and UndefinedBehaviorSanitizer
 #   tsan    jobs and store under ThreadSanitizer
@@ -14,7 +15,7 @@ set -uo pipefail
 # shellcheck source-path=SCRIPTDIR
 source "$(dirname "${BASH_SOURCE[0]}")/steps.sh" || exit
 
-readonly ALL_STEPS=(style suite asan tsan fuzz)
+readonly ALL_STEPS=(style tidy suite asan tsan fuzz)
 readonly LOGS=build/test-logs
 
 # run_tests STEP PRESET [WHICH]: the log keeps what the summary quotes. A hung test is ended by its own time limit.
@@ -23,11 +24,31 @@ run_tests() {
 }
 WITHOUT_ASLR=()
 
+# Processor seconds of everything that this script has run and waited for.
+processor_seconds() {
+  local fields
+  read -ra fields <"/proc/$$/stat"  # the name in field 2 is one word: this is bash
+  echo $(((fields[15] + fields[16]) / $(getconf CLK_TCK)))
+}
+
+# What took longest to build, by ninja's log: wall seconds, preset, file.
+slowest_files() {
+  local log
+  for log in build/*/.ninja_log; do
+    awk -F '\t' -v preset="$(basename "$(dirname "$log")")" \
+      'NR > 1 { took[$4] = ($2 - $1) / 1000 } END { for (file in took) printf "%7.1f  %-6s %s\n", took[file], preset, file }' "$log"
+  done | sort --numeric-sort --reverse | head -n 20
+}
+
 style() {
   python3 tests/layering/layering_test.py &&
     find core server client proto/depthtween tests \( -name '*.h' -o -name '*.cc' \) -print0 |
     xargs -0 clang-format --dry-run --Werror &&
     echo "clang-format: nothing to change"
+}
+
+tidy() {
+  deploy/tidy.sh --recent 20
 }
 
 suite() {
@@ -53,7 +74,7 @@ fuzz() {
 }
 
 main() {
-  local steps=("$@") step failed=0 start summary=
+  local steps=("$@") step failed=0 start processor summary=
   ((${#steps[@]})) || steps=("${ALL_STEPS[@]}")
   for step in "${steps[@]}"; do
     if [[ " ${ALL_STEPS[*]} " != *" $step "* ]]; then
@@ -62,19 +83,22 @@ main() {
     fi
   done
   deploy/install-packages.sh build test || exit
-  mkdir -p "$LOGS" && rm -f "$LOGS"/*.log "$LOGS"/summary.txt
+  mkdir -p "$LOGS" && rm -f "$LOGS"/*.log "$LOGS"/*.txt
 
   for step in "${steps[@]}"; do
     printf '\n== %s\n' "$step"
-    start=$SECONDS
+    start=$SECONDS processor=$(processor_seconds)
     local verdict=passed closing=
     "$step" || verdict=FAILED
     [[ $verdict == passed ]] || failed=$((failed + 1))
     [[ -f $LOGS/$step.log ]] && closing=$(grep 'tests passed, .* out of' "$LOGS/$step.log" | tail -n 1)
-    summary+=$(printf '%-6s %-6s %5d s  %s' "$step" "$verdict" $((SECONDS - start)) "$closing")$'\n'
+    summary+=$(printf '%-6s %-6s %5d s, processor %5d s  %s' "$step" "$verdict" $((SECONDS - start)) \
+      $(($(processor_seconds) - processor)) "$closing")$'\n'
   done
 
-  printf '\n== summary\n%s' "$summary" | tee "$LOGS/summary.txt"
+  slowest_files >"$LOGS/slowest-files.txt"
+  printf '\n== summary, also in %s beside the slowest files\n' "$LOGS/summary.txt"
+  printf '%s' "$summary" | tee "$LOGS/summary.txt"
   if ((failed)); then
     echo "deploy/test.sh: $failed of ${#steps[@]} steps FAILED, after $SECONDS s"
     exit 1

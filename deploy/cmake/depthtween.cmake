@@ -70,7 +70,7 @@ find_package(PkgConfig REQUIRED)
 #   code   every library          tests      every test program
 #   json   those that speak JSON  rpc_tests  tests of those that speak gRPC
 #   rpc    those that speak gRPC
-# Sources still include what they use; deploy/tidy.sh compiles without precompiled headers.
+# Sources still include what they use: the preset tidy compiles each by itself.
 set(PRECOMPILED_code <algorithm> <array> <cmath> <cstdint> <cstdlib> <filesystem> <functional> <limits> <map> <memory>
   <optional> <set> <string> <string_view> <utility> <vector> <absl/status/status.h> <absl/status/statusor.h>
   <absl/strings/str_cat.h> <absl/strings/str_format.h> <absl/strings/str_join.h> <absl/strings/str_split.h>
@@ -101,7 +101,9 @@ endfunction()
 
 # depthtween_library(core/flow DEPS core_sequence opencv_video ...): the static library core_flow of every .cc in this
 # folder. One library per module, so that a wrong edge fails to link. PRECOMPILED names a kind other than code.
-# FEW_UNITS compiles the sources several at a time: for those that use CLI11, which costs each unit more than our code.
+# FEW_UNITS compiles the sources several at a time, so that what they make of JSON, CLI11 and gRPC templates is made
+# once. Names in anonymous namespaces must then differ within a module. Not for code that computes depth: what a compiler
+# sees together decides how it rounds, and results keep their bits.
 function(depthtween_library PATH)
   cmake_parse_arguments(ARG "FEW_UNITS" "PRECOMPILED" "DEPS" ${ARGN})
   string(REPLACE "/" "_" NAME ${PATH})
@@ -113,7 +115,9 @@ function(depthtween_library PATH)
   add_library(${NAME} STATIC ${SOURCES})
   target_link_libraries(${NAME} PUBLIC depthtween_flags ${ARG_DEPS})
   depthtween_precompile(${NAME} ${ARG_PRECOMPILED})
-  set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${ARG_FEW_UNITS})
+  if(ARG_FEW_UNITS)
+    set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${DEPTHTWEEN_FEW_UNITS})
+  endif()
 endfunction()
 
 # depthtween_tests(core/flow DEPS core_flow ... [LABELS ...]): one test program core_flow_test of every *_test.cc in this
@@ -134,7 +138,7 @@ function(depthtween_tests PATH)
   add_executable(${NAME}_test ${SOURCES})
   target_link_libraries(${NAME}_test PRIVATE depthtween_flags ${ARG_DEPS} GTest::gmock_main)
   depthtween_precompile(${NAME}_test ${ARG_PRECOMPILED})
-  set_target_properties(${NAME}_test PROPERTIES UNITY_BUILD ON)
+  set_target_properties(${NAME}_test PROPERTIES UNITY_BUILD ${DEPTHTWEEN_FEW_UNITS})
   add_test(NAME ${NAME}_test COMMAND ${NAME}_test)
   set_tests_properties(${NAME}_test PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
 endfunction()
