@@ -13,6 +13,7 @@
 #include "core/upsample/pipeline.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
 namespace {
@@ -24,19 +25,14 @@ using testing::Not;
 
 class BenchmarkTest : public testing::Test {
  protected:
-  BenchmarkTest() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "benchmark_test_XXXXXX").string();
-    root_ = mkdtemp(pattern.data());
-  }
-  ~BenchmarkTest() override { std::filesystem::remove_all(root_); }
-  std::string Path(const std::string& name) const { return (root_ / name).string(); }
+  std::string Path(const std::string& name) const { return root_ / name; }
 
   // Small scenes: what is tested is the bookkeeping, not the numbers.
   static BenchmarkOptions Small() {
     return {.scenes = {}, .tables = {}, .frames = 17, .width = 96, .height = 80, .rounds = 1};
   }
 
-  std::filesystem::path root_;
+  TemporaryFolder root_;
 };
 
 // Truth: the table of scene flow has both kinds of pairs of a scene, ours first and all baselines; without baselines

@@ -7,6 +7,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
 namespace {
@@ -22,7 +23,7 @@ double Length(const Float3& a) { return std::sqrt(double{a.x} * a.x + double{a.y
 // The folder holds the scene's truth as files: both ways of reading must agree within what the files round (half
 // floats, 1/64 px), and frame to frame, where the folder only has flow and depth, within a pixel's sampling.
 TEST(MotionPairs, FolderAndSceneAgree) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   ASSERT_TRUE(WriteSyntheticSequence(Options(), scratch / "clip", {}).ok());
   const auto clip = SyntheticSequence::Create(Options());
   ASSERT_TRUE(clip.ok());
@@ -56,7 +57,7 @@ TEST(MotionPairs, FolderAndSceneAgree) {
 
 // Without truth there is depth to compare with; with one depth map there is nothing.
 TEST(MotionPairs, WithoutTruth) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   ASSERT_TRUE(WriteSyntheticSequence(Options(), scratch / "clip", {.truth = false}).ok());
   const auto pairs = FolderPairs(scratch / "clip", 5);
   ASSERT_TRUE(pairs.ok()) << pairs.status();
@@ -75,7 +76,7 @@ TEST(MotionPairs, WithoutTruth) {
 
 // The second frame's own camera is read, and a broken one is named.
 TEST(MotionPairs, SecondCamera) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   ASSERT_TRUE(WriteSyntheticSequence(Options(), scratch / "clip", {.truth = false}).ok());
   const std::string camera = scratch / "clip/camera_second.json";
   ASSERT_TRUE(WriteFile(camera, R"({"width":96,"height":80,"fx":70,"fy":70,"cx":60,"cy":40,"depth_scale":1})").ok());

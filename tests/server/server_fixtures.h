@@ -1,4 +1,4 @@
-// What the tests of server/store and server/jobs share: folders that vanish, status matchers.
+// What the tests of server/store and server/jobs share: reasons of errors, a small disk, files.
 #ifndef DEPTHTWEEN_TESTS_SERVER_SERVER_FIXTURES_H_
 #define DEPTHTWEEN_TESTS_SERVER_SERVER_FIXTURES_H_
 
@@ -15,24 +15,10 @@
 
 #include "core/base/status.h"
 #include "server/store/error_info.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween::server {
-
-inline const absl::Status& StatusOf(const absl::Status& status) { return status; }
-template <typename T>
-const absl::Status& StatusOf(const absl::StatusOr<T>& result) {
-  return result.status();
-}
-
-MATCHER(IsOk, "is OK") {
-  *result_listener << "which is " << StatusOf(arg).ToString();
-  return StatusOf(arg).ok();
-}
-
-MATCHER_P(HasCode, code, absl::StrCat("has code ", absl::StatusCodeToString(code))) {
-  *result_listener << "which is " << StatusOf(arg).ToString();
-  return StatusOf(arg).code() == code;
-}
 
 // A status with this code and this reason of error_info.h.
 MATCHER_P2(HasReason, code, reason, absl::StrCat("has code ", absl::StatusCodeToString(code), " and reason ", reason)) {
@@ -51,25 +37,6 @@ T Take(absl::StatusOr<T> result) {
   }
   return *std::move(result);
 }
-
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "depthtween_test_XXXXXX").string();
-    path_ = mkdtemp(pattern.data());
-  }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  const std::string& path() const { return path_; }
-  std::string operator/(std::string_view name) const { return path_ + "/" + std::string(name); }
-
- private:
-  std::string path_;
-};
 
 // A file system of its own, in memory, that is soon full; unmounted at the end. Where it cannot be mounted the test
 // fails rather than passes over what it was to show:  ASSERT_TRUE(disk.mounted()) << kNeedsMount;

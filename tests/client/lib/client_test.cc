@@ -10,7 +10,7 @@
 #include "client/lib/jobs.h"
 #include "client/lib/upload.h"
 #include "tests/client/lib/fake_server.h"
-#include "tests/client/lib/temp_folder.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween::client {
 namespace {
@@ -45,7 +45,7 @@ class ClientTest : public testing::Test {
   }
 
   FakeServer server_;
-  TempFolder folder_;
+  TemporaryFolder folder_;
   std::unique_ptr<Connection> connection_;
 };
 
@@ -300,7 +300,7 @@ class FetchTest : public ClientTest {
     server_.outputs.frames_ready = 3;
   }
   absl::StatusOr<FetchSummary> Fetch(const FetchOptions& options = {}) {
-    return FetchResult(*connection_, "jobs/1", folder_.path("out"), options, nullptr);
+    return FetchResult(*connection_, "jobs/1", folder_ / "out", options, nullptr);
   }
   void ExpectWhole() {
     for (int i = 0; i < 3; ++i) {
@@ -417,10 +417,10 @@ TEST_F(FetchTest, DoesNotMixResults) {
 
   folder_.Write("other/.fetch.json", R"({"job": "jobs/2", "next_frame": {"depth": 2}})");
   EXPECT_TRUE(absl::IsFailedPrecondition(
-      FetchResult(*connection_, "jobs/1", folder_.path("other"), FetchOptions(), nullptr).status()));
+      FetchResult(*connection_, "jobs/1", folder_ / "other", FetchOptions(), nullptr).status()));
 
   folder_.Write("recording/rgb.txt", "");
-  EXPECT_TRUE(absl::IsInvalidArgument(CheckFolder(folder_.path("recording"), /*replace=*/true)));
+  EXPECT_TRUE(absl::IsInvalidArgument(CheckFolder(folder_ / "recording", /*replace=*/true)));
   EXPECT_TRUE(folder_.Has("recording/rgb.txt"));
 }
 

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "tests/client/lib/temp_folder.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween::client {
 namespace {
@@ -13,7 +13,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::Not;
 
-void WriteRecording(const TempFolder& folder) {
+void WriteRecording(const TemporaryFolder& folder) {
   folder.Write("rgb.txt", "# colour\n0.0 rgb/a.png\n\n0.1\trgb/b c.png\r\n");
   folder.Write("depth.txt", "0.0 depth/a.png\nno-name-on-this-line\n");
   folder.Write("camera.json", "{}");
@@ -31,7 +31,7 @@ std::vector<std::string> Paths(const LocalSequence& sequence) {
 
 // The lists say what belongs to a recording; ground truth beside them does not.
 TEST(FindSequence, FindsWhatTheListsNameAndNothingElse) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   WriteRecording(folder);
   const auto sequence = FindSequence(folder.path());
   ASSERT_TRUE(sequence.ok()) << sequence.status();
@@ -41,10 +41,10 @@ TEST(FindSequence, FindsWhatTheListsNameAndNothingElse) {
 
 // Two of the files are deleted, so exactly those must be named.
 TEST(FindSequence, NamesEveryMissingFile) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   WriteRecording(folder);
-  std::filesystem::remove(folder.path("camera.json"));
-  std::filesystem::remove(folder.path("depth/a.png"));
+  std::filesystem::remove(folder / "camera.json");
+  std::filesystem::remove(folder / "depth/a.png");
   const auto sequence = FindSequence(folder.path());
   EXPECT_TRUE(absl::IsNotFound(sequence.status()));
   EXPECT_THAT(std::string(sequence.status().message()),
@@ -54,7 +54,7 @@ TEST(FindSequence, NamesEveryMissingFile) {
 // A hostile list must not make the client send files from elsewhere.
 TEST(FindSequence, RefusesToLeaveTheFolder) {
   for (const char* name : {"../secret", "/etc/passwd", "rgb/../../secret"}) {
-    const TempFolder folder;
+    const TemporaryFolder folder;
     WriteRecording(folder);
     folder.Write("depth.txt", std::string("0.0 ") + name + "\n");
     const auto sequence = FindSequence(folder.path());
@@ -65,20 +65,20 @@ TEST(FindSequence, RefusesToLeaveTheFolder) {
 
 // What protobuf cannot carry as text must not be tried: in a list it is an error, in the folder's name it is escaped.
 TEST(FindSequence, CopesWithNamesThatAreNoText) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.Write("rgb.txt", "0.0 rgb/\xFF.png\n");
   EXPECT_TRUE(absl::IsInvalidArgument(FindSequence(folder.path()).status()));
 
-  const TempFolder parent;
+  const TemporaryFolder parent;
   for (const char* file : {"camera.json", "rgb.txt", "depth.txt"}) parent.Write(std::string("a\xFF/") + file, "");
-  const auto sequence = FindSequence(parent.path("a\xFF"));
+  const auto sequence = FindSequence(parent / "a\xFF");
   ASSERT_TRUE(sequence.ok()) << sequence.status();
   EXPECT_EQ(sequence->display_name, "a\\xff");
 }
 
 // The same folder hashed twice is the same recording; one changed byte makes another.
 TEST(HashFiles, FingerprintFollowsTheBytes) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   WriteRecording(folder);
   const auto fingerprint = [&] {
     auto sequence = FindSequence(folder.path());
@@ -96,7 +96,7 @@ TEST(HashFiles, FingerprintFollowsTheBytes) {
 
 // Reading any range of the concatenation gives what concatenating in memory gives, empty files included.
 TEST(ConcatenatedFiles, ReadsAnyRangeAcrossFiles) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   WriteRecording(folder);
   const auto sequence = FindSequence(folder.path());
   std::string whole;
@@ -114,7 +114,7 @@ TEST(ConcatenatedFiles, ReadsAnyRangeAcrossFiles) {
 
 // A file cut after it was measured must be noticed, not padded.
 TEST(ConcatenatedFiles, NoticesAFileThatBecameShorter) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   WriteRecording(folder);
   const auto sequence = FindSequence(folder.path());
   folder.Write("depth/a.png", "de");

@@ -24,7 +24,7 @@ std::vector<std::string> NamesIn(const std::string& folder) {
 }
 
 TEST(File, WritesWholeAndReplaces) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const std::string bytes("a\0b\n", 4);
   for (auto* write : {&WriteFile, &WriteFileDurably}) {
     ASSERT_THAT(write(folder / "x", "older and longer"), IsOk());
@@ -35,7 +35,7 @@ TEST(File, WritesWholeAndReplaces) {
 }
 
 TEST(File, LongestNameThatFileSystemsAllow) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const std::string name(255, 'n');
   ASSERT_THAT(WriteFile(folder / name, "x"), IsOk());
   EXPECT_THAT(NamesIn(folder.path()), ElementsAre(name));
@@ -43,7 +43,7 @@ TEST(File, LongestNameThatFileSystemsAllow) {
 
 // A limit on file size stands for a full disk: the kernel refuses to write further (EFBIG beside ENOSPC).
 TEST(File, FullDiskLeavesOldFileAndNoTemporary) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   ASSERT_THAT(WriteFile(folder / "x", "old"), IsOk());
   struct rlimit before = {};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
@@ -62,14 +62,14 @@ TEST(File, FullDiskLeavesOldFileAndNoTemporary) {
 }
 
 TEST(File, NamesWhatIsMissing) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   EXPECT_THAT(ReadFile(folder / "none"), HasStatus(StatusCode::kNotFound, HasSubstr("none")));
   EXPECT_THAT(WriteFile(folder / "none/x", "x"), HasStatus(StatusCode::kNotFound, HasSubstr("none/x")));
 }
 
 // A reader that opened the pipe in the ordinary way would wait for ever.
 TEST(File, RefusesPipesAndFolders) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
   EXPECT_THAT(ReadFile(folder / "pipe"), HasStatus(StatusCode::kInvalidArgument, HasSubstr("not a regular file")));
   EXPECT_THAT(ReadFile(folder.path()), HasStatus(StatusCode::kInvalidArgument, HasSubstr("not a regular file")));
@@ -78,7 +78,7 @@ TEST(File, RefusesPipesAndFolders) {
 }
 
 TEST(File, RefusesFilesOverTheLimit) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   Put(folder / "x", "12345");
   EXPECT_THAT(ReadFile(folder / "x", 5), IsOk());
   EXPECT_THAT(ReadFile(folder / "x", 4), HasStatus(StatusCode::kResourceExhausted, HasSubstr("5 bytes, at most 4")));
@@ -86,7 +86,7 @@ TEST(File, RefusesFilesOverTheLimit) {
 
 // Writers of one name meet: one of them wins whole.
 TEST(File, ConcurrentWritersDoNotMix) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   std::vector<std::thread> writers;
   for (const char letter : {'a', 'b', 'c'}) {
     writers.emplace_back([&folder, letter] {
@@ -100,7 +100,7 @@ TEST(File, ConcurrentWritersDoNotMix) {
 }
 
 TEST(File, MakesFoldersWithTheirParents) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   EXPECT_THAT(MakeFolder(folder / "a/b/c"), IsOk());
   EXPECT_THAT(MakeFolder(folder / "a/b/c/"), IsOk());
   EXPECT_TRUE(std::filesystem::is_directory(folder / "a/b/c"));

@@ -31,7 +31,7 @@ TEST(FlowPng, RoundTripsToASixtyFourthPixel) {
     flow(x, 1) = {static_cast<float>(x) * 12.7F, -3.3F};
     valid(x, 2) = 0;
   }
-  const TempFolder folder;
+  const TemporaryFolder folder;
   ASSERT_THAT(WriteFlowPng(folder / "flow.png", flow, valid), IsOk());
   const auto field = ReadFlowPng(folder / "flow.png");
   ASSERT_THAT(field, IsOk());

@@ -1,4 +1,4 @@
-// What the tests of core/io share: folders that vanish, a PNG writer that is not the one under test, status matchers.
+// What the tests of core/io share: a PNG writer that is not the one under test, pixels, files.
 #ifndef DEPTHTWEEN_TESTS_CORE_IO_IO_FIXTURES_H_
 #define DEPTHTWEEN_TESTS_CORE_IO_IO_FIXTURES_H_
 
@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 #include <zlib.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -15,26 +14,10 @@
 #include "core/base/image.h"
 #include "core/base/status.h"
 #include "core/geometry/camera.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
-
-inline const absl::Status& StatusOf(const absl::Status& status) { return status; }
-template <typename T>
-const absl::Status& StatusOf(const absl::StatusOr<T>& result) {
-  return result.status();
-}
-
-// A Status or StatusOr with this code and a message that the matcher accepts.
-MATCHER_P2(HasStatus, code, message, absl::StrCat("has status ", absl::StatusCodeToString(code))) {
-  const absl::Status& status = StatusOf(arg);
-  *result_listener << "which is " << status.ToString();
-  return status.code() == code && testing::Matches(message)(std::string(status.message()));
-}
-
-MATCHER(IsOk, "is OK") {
-  *result_listener << "which is " << StatusOf(arg).ToString();
-  return StatusOf(arg).ok();
-}
 
 template <typename T>
 testing::AssertionResult SamePixels(ImageView<const T> a, ImageView<const T> b) {
@@ -62,26 +45,6 @@ Image<T> NoisyImage(int width, int height, uint32_t seed = 1) {
   }
   return image;
 }
-
-class TempFolder {
- public:
-  TempFolder() {
-    std::string pattern = testing::TempDir() + "core_io_XXXXXX";
-    if (mkdtemp(pattern.data()) == nullptr) std::abort();
-    path_ = pattern;
-  }
-  TempFolder(const TempFolder&) = delete;
-  TempFolder& operator=(const TempFolder&) = delete;
-  ~TempFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  const std::string& path() const { return path_; }
-  std::string operator/(std::string_view name) const { return path_ + "/" + std::string(name); }
-
- private:
-  std::string path_;
-};
 
 inline void Put(const std::string& path, std::string_view bytes) {
   std::filesystem::create_directories(std::filesystem::path(path).parent_path());

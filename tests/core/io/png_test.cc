@@ -163,7 +163,7 @@ TEST(Png, RefusesToEncodeNothing) {
 }
 
 TEST(Png, ErrorsOfReadNameTheFile) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   Put(folder / "bad.png", "not an image");
   EXPECT_THAT(ReadPng16(folder / "bad.png"), HasStatus(StatusCode::kDataLoss, HasSubstr("bad.png: not a PNG")));
   EXPECT_THAT(ReadPng8(folder / "none.png"), HasStatus(StatusCode::kNotFound, HasSubstr("none.png")));

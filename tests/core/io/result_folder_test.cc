@@ -45,7 +45,7 @@ void ExpectSame(const DepthResult& a, const DepthResult& b) {
 }
 
 TEST(ResultFolder, ReadsBackWhatWasWritten) {
-  const TempFolder temp;
+  const TemporaryFolder temp;
   const auto writer = ResultWriter::Create(temp / "out", TwoFrames());
   ASSERT_THAT(writer, IsOk());
   ASSERT_THAT(writer->Write(SomeResult(1)), IsOk());
@@ -67,7 +67,7 @@ TEST(ResultFolder, ReadsBackWhatWasWritten) {
 
 // What EVALUATION.md says of the files: input scale, 65535 for unknown uncertainty, provenance 0 to 5.
 TEST(ResultFolder, FilesAreAsDocumented) {
-  const TempFolder temp;
+  const TemporaryFolder temp;
   ASSERT_THAT(ResultWriter::Create(temp.path(), TwoFrames()), IsOk());
   ASSERT_THAT(WriteResultFrame(temp.path(), "second", kScale, SomeResult(1)), IsOk());
   const auto depth = ReadPng16(temp / "depth/second.png");
@@ -86,7 +86,7 @@ TEST(ResultFolder, FilesAreAsDocumented) {
 
 // Several processes write one folder: the second must not undo the first, and the last one ends it.
 TEST(ResultFolder, WritersShareAFolder) {
-  const TempFolder temp;
+  const TemporaryFolder temp;
   ASSERT_THAT(ResultWriter::Create(temp.path(), TwoFrames())->Write(SomeResult(0)), IsOk());
   const auto second = ResultWriter::Create(temp.path(), TwoFrames());
   ASSERT_THAT(second, IsOk());
@@ -102,14 +102,14 @@ TEST(ResultFolder, WritersShareAFolder) {
 }
 
 TEST(ResultFolder, NeverOverwritesARecording) {
-  const TempFolder temp;
+  const TemporaryFolder temp;
   Put(temp / "rgb.txt", "0 rgb/first.jpg\n");
   EXPECT_THAT(ResultWriter::Create(temp.path(), TwoFrames()),
               HasStatus(StatusCode::kAlreadyExists, HasSubstr("recording")));
 }
 
 TEST(ResultFolder, RefusesFramesThatDoNotFit) {
-  const TempFolder temp;
+  const TemporaryFolder temp;
   const auto writer = ResultWriter::Create(temp.path(), TwoFrames());
   ASSERT_THAT(writer, IsOk());
   DepthResult result = SomeResult(2);
@@ -122,7 +122,7 @@ TEST(ResultFolder, RefusesFramesThatDoNotFit) {
 }
 
 TEST(ResultFolder, NamesDamagedFiles) {
-  const TempFolder temp;
+  const TemporaryFolder temp;
   const auto writer = ResultWriter::Create(temp.path(), TwoFrames());
   for (int i = 0; i < 2; ++i) ASSERT_THAT(writer->Write(SomeResult(i)), IsOk());
   ASSERT_THAT(writer->Finish(nlohmann::json::object()), IsOk());
@@ -146,7 +146,7 @@ TEST(ResultFolder, NamesDamagedFiles) {
 
 // Motion is kept to a 32nd of a pixel, and frames without it are none the worse.
 TEST(ResultFolder, KeepsMotionWhereThereIsSome) {
-  const TempFolder temp;
+  const TemporaryFolder temp;
   const auto writer = ResultWriter::Create(temp / "out", TwoFrames(), /*with_motion=*/true);
   ASSERT_THAT(writer, IsOk());
   DepthResult result = SomeResult(0);

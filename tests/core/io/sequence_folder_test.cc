@@ -62,7 +62,7 @@ class SequenceFolderTest : public testing::Test {
     }
   }
 
-  const TempFolder temp_;
+  const TemporaryFolder temp_;
 };
 
 TEST_F(SequenceFolderTest, ReadsBackWhatWasWritten) {

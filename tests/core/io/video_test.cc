@@ -14,6 +14,8 @@ extern "C" {
 #include <libavutil/stereo3d.h>
 }
 
+#include "tests/support/temporary_folder.h"
+
 namespace depthtween {
 namespace {
 
@@ -22,14 +24,7 @@ using testing::HasSubstr;
 
 class VideoTest : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string pattern = testing::TempDir() + "video_test_XXXXXX";
-    ASSERT_NE(mkdtemp(pattern.data()), nullptr);
-    dir_ = pattern;
-  }
-  void TearDown() override { std::filesystem::remove_all(dir_); }
-
-  std::filesystem::path dir_;
+  TemporaryFolder dir_;
 };
 
 struct DecodedVideo {
@@ -208,7 +203,7 @@ TEST_F(VideoTest, LeavesNothingBehindWhenAbandoned) {
     ASSERT_TRUE(writer.ok()) << writer.status();
     ASSERT_EQ(writer->Write(Image<Rgb8>(64, 48)), absl::OkStatus());
   }
-  EXPECT_TRUE(std::filesystem::is_empty(dir_));
+  EXPECT_TRUE(std::filesystem::is_empty(dir_.path()));
 }
 
 TEST_F(VideoTest, NamesWhatIsWrong) {

@@ -17,7 +17,7 @@ using testing::HasSubstr;
 
 absl::Status StatusOf(const char* document) { return ParseUpsampleOptions(json::parse(document)).status(); }
 
-// The message must name the field, its value and the rule: a user mends the file by it.
+// The message must name the field, its value and the rule: by it a user fixes the file.
 TEST(UpsampleOptions, WrongOnesAreNamed) {
   const auto message = [](const char* document) { return std::string(StatusOf(document).message()); };
   EXPECT_THAT(message(R"({"method":"magic"})"), HasSubstr("options.method = \"magic\", must be one of: ours, hold"));

@@ -17,6 +17,7 @@
 #include "core/session/clip_clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
 namespace {
@@ -35,12 +36,6 @@ float TrueDepth(int x, int y, int64_t time_ns) {
 
 class EvaluationTest : public testing::Test {
  protected:
-  EvaluationTest() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "evaluation_test_XXXXXX").string();
-    root_ = mkdtemp(pattern.data());
-  }
-  ~EvaluationTest() override { std::filesystem::remove_all(root_); }
-
   struct ClipOptions {
     int frames = 9;
     int64_t depth_offset_ns = 0;  // of the depth stamps against the colour stamps
@@ -49,7 +44,7 @@ class EvaluationTest : public testing::Test {
     int width = kWidth;
     int64_t start_ns = 0;
   };
-  std::string Path(const std::string& name) const { return (root_ / name).string(); }
+  std::string Path(const std::string& name) const { return root_ / name; }
 
   std::string WriteClip(const std::string& name, const ClipOptions& clip) {
     Camera camera{.width = clip.width, .height = kHeight, .fx = 50, .fy = 50, .cx = 23.5, .cy = 19.5};
@@ -102,7 +97,7 @@ class EvaluationTest : public testing::Test {
     return Path(name);
   }
 
-  std::filesystem::path root_;
+  TemporaryFolder root_;
 };
 
 const DepthScore& All(const Evaluation& evaluation, size_t method) {

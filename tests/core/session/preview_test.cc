@@ -10,6 +10,7 @@
 #include "core/io/color.h"
 #include "core/io/file.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
 namespace {
@@ -104,7 +105,7 @@ TEST(Preview, SheetHasAColumnForEachFrame) {
 }
 
 TEST(PreviewCommand, ShowsAResult) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 64, 48, 20);
   ASSERT_EQ(RunTool({"upsample", scratch / "recording", "-o", scratch / "out", "--method", "linear"}).exit_code, 0);
 
@@ -122,7 +123,7 @@ TEST(PreviewCommand, ShowsAResult) {
 }
 
 TEST(PreviewCommand, NamesWhatIsWrong) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 12);
   WriteTinyRecording(scratch / "other", 32, 24, 11);
   ASSERT_EQ(RunTool({"upsample", scratch / "recording", "-o", scratch / "out", "--method", "hold"}).exit_code, 0);

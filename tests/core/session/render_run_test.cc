@@ -12,6 +12,7 @@
 #include "core/io/result_folder.h"
 #include "core/session/upsample_run.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
 namespace {
@@ -92,7 +93,7 @@ class RenderRun : public testing::Test {
     return rendered;
   }
 
-  ScratchFolder scratch_;
+  TemporaryFolder scratch_;
   std::unique_ptr<MemorySource> source_;
   ClipConstants constants_;
 };
@@ -214,7 +215,7 @@ TEST_F(RenderRun, VideosAreMadeOfTheStoredPictures) {
   const auto options = ParseRender(json::parse(R"({"container":"mkv","stereo":{"format":"separate"}})"), "render");
   const auto plan = PlanRender(*options, source_->sequence(), "render");
   ASSERT_TRUE(plan.ok()) << plan.status();
-  const ScratchFolder out;
+  const TemporaryFolder out;
   const auto folders = PictureFolders::Create(out.path(), *options, *plan);
   ASSERT_TRUE(folders.ok()) << folders.status();
   for (const FrameRef& frame : source_->sequence().color) {

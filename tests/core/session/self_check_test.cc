@@ -10,6 +10,7 @@
 #include "core/io/file.h"
 #include "core/session/evaluation.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
 namespace {
@@ -19,7 +20,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 // A tiny recording has a depth frame at colour frames 2, 10, 18...
-std::unique_ptr<SequenceFolder> Recording(const ScratchFolder& scratch, int color_frames) {
+std::unique_ptr<SequenceFolder> Recording(const TemporaryFolder& scratch, int color_frames) {
   WriteTinyRecording(scratch / "recording", 64, 48, color_frames);
   return SequenceFolder::Open(scratch / "recording").value();
 }
@@ -33,7 +34,7 @@ SelfCheck Check(const SequenceFolder& recording, const UpsampleOptions& options)
 // A check is a leave-out experiment at half the rate: upsampling with every second depth frame and evaluating the
 // result against the others must give the same numbers, to the last bit.
 TEST(SelfCheck, GivesTheNumbersOfALeaveOutExperiment) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const auto recording = Recording(scratch, 80);
   const SelfCheck check = Check(*recording, {.preset = "fast"});
   ASSERT_EQ(check.reason, "");
@@ -75,7 +76,7 @@ TEST(SelfCheck, GivesTheNumbersOfALeaveOutExperiment) {
 }
 
 TEST(SelfCheck, DoesNotDependOnThreads) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const auto recording = Recording(scratch, 40);
   json one = ToJson(Check(*recording, {.threads = 1})), three = ToJson(Check(*recording, {.threads = 3}));
   one.erase("seconds"), three.erase("seconds");
@@ -84,7 +85,7 @@ TEST(SelfCheck, DoesNotDependOnThreads) {
 
 // A long clip must not cost more than a short one, and its checks must not crowd at one end.
 TEST(SelfCheck, IsBoundedAndSpread) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const auto recording = Recording(scratch, 8 * 60);
   const SelfCheck check = Check(*recording, {.preset = "fast"});
   EXPECT_EQ(check.maps_held_out, 29);
@@ -101,7 +102,7 @@ TEST(SelfCheck, IsBoundedAndSpread) {
 
 // What the upsampling does not take as input is no truth: of keys 0, 2, 4, 6, 8 it is 2 and 6.
 TEST(SelfCheck, IsOfTheInputAlone) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const auto recording = Recording(scratch, 80);
   const SelfCheck check = Check(*recording, {.key_every = 2, .preset = "fast"});
   EXPECT_EQ(check.maps_held_out, 2);
@@ -112,7 +113,7 @@ TEST(SelfCheck, IsOfTheInputAlone) {
 }
 
 TEST(SelfCheck, SaysWhyItCannot) {
-  const ScratchFolder scratch, other;
+  const TemporaryFolder scratch, other;
   const auto two = Recording(scratch, 16);
   EXPECT_THAT(Check(*two, {}).reason, HasSubstr("2 depth frames are input, and it takes 3"));
   EXPECT_THAT(Summary(Check(*two, {})), HasSubstr("no self-check: 2 depth frames"));
@@ -132,7 +133,7 @@ TEST(SelfCheck, SaysWhyItCannot) {
 }
 
 TEST(SelfCheck, WrongOptionsAndStopsAreErrors) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const auto recording = Recording(scratch, 40);
   EXPECT_TRUE(absl::IsInvalidArgument(CheckSelf(*recording, {.preset = "turbo"}).status()));
   std::stop_source stop;
@@ -158,7 +159,7 @@ TEST(SelfCheck, SummaryIsASentence) {
 
 // The program and the steps of a server must say the same, and leave it in the report.
 TEST(SelfCheck, StandsInTheReportOfEveryPath) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 64, 48, 40);
   const ToolResult local =
       RunTool({"upsample", scratch / "recording", "-o", scratch / "out", "--preset", "fast", "--self-check"});

@@ -12,6 +12,7 @@
 #include "core/options/scene_flow_options.h"
 #include "core/session/scene_flow_files.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
 namespace {
@@ -66,7 +67,7 @@ TEST(UpsampleOptions, EveryMethodCanBeMade) {
 
 // A server lists and streams the files of a scene flow by what core/options says of their folders.
 TEST(SceneFlowFiles, LieWhereTheOptionsSay) {
-  const ScratchFolder out;
+  const TemporaryFolder out;
   ASSERT_EQ(MakeSceneFlowFolders(out.path(), SceneFlowFormats()), absl::OkStatus());
   const std::string document = ToJson(SceneFlowOrder{.formats = SceneFlowFormats()}).dump();
   const auto facts = FactsOfJob(JobKind::kSceneFlow, document);
@@ -139,7 +140,7 @@ TEST(ClipPlan, BelongsToOneSequence) {
 
 TEST(RunIntervals, TellsOfEveryFrameInOrder) {
   const auto source = TinySource();
-  const ScratchFolder out;
+  const TemporaryFolder out;
   const auto plan = PrepareClip(*source, {});
   const auto writer = ResultWriter::Create(out.path(), source->sequence());
   const auto upsampler = MakeUpsampler({.method = "linear"});
@@ -164,7 +165,7 @@ TEST(RunIntervals, TellsOfEveryFrameInOrder) {
 
 TEST(RunIntervals, NamesIntervalsThatAreNotThere) {
   const auto source = TinySource();
-  const ScratchFolder out;
+  const TemporaryFolder out;
   const auto plan = PrepareClip(*source, {});
   const auto writer = ResultWriter::Create(out.path(), source->sequence());
   const auto upsampler = MakeUpsampler({.method = "hold"});
@@ -180,7 +181,7 @@ TEST(RunIntervals, NamesIntervalsThatAreNotThere) {
 
 TEST(RunIntervals, StopsWhenAsked) {
   const auto source = TinySource();
-  const ScratchFolder out;
+  const TemporaryFolder out;
   const auto plan = PrepareClip(*source, {});
   const auto writer = ResultWriter::Create(out.path(), source->sequence());
   const auto upsampler = MakeUpsampler({.method = "hold"});

@@ -11,6 +11,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween::tools {
 namespace {
@@ -34,7 +35,7 @@ void WriteRecording(const std::string& dir, double depth_fps) {
 
 // All formats say the same motion, and that explains nine tenths of the true one, which the camera's own makes.
 TEST(SceneFlowCommand, WritesEveryFormat) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteRecording(scratch / "in", 60);
   const ToolResult result = RunTool(
       {"sceneflow", scratch / "in", "-o", scratch / "out", "--format", "npz,flo,kitti", "--baseline", "0.5", "--json"});
@@ -79,7 +80,7 @@ TEST(SceneFlowCommand, WritesEveryFormat) {
 
 // As a server runs it: pairs in any order and batch, each by a process of its own; files as of the command.
 TEST(SceneFlowCommand, TasksGiveTheSameFiles) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteRecording(scratch / "in", 60);
   ASSERT_EQ(RunTool({"sceneflow", scratch / "in", "-o", scratch / "whole", "--format", "npz,flo"}).exit_code, 0);
   ASSERT_TRUE(WriteFile(scratch / "options.json", R"({"scene_flow": {"formats": ["npz", "flo"]}})").ok());
@@ -113,9 +114,9 @@ TEST(SceneFlowCommand, TasksGiveTheSameFiles) {
   EXPECT_THAT(task({"prepare"}).err, HasSubstr("scene_flow_options.luck"));
 }
 
-// Depth at half the rate: the refusal names the frames without depth and the mend; nothing is written.
+// Depth at half the rate: the refusal names the frames without depth and how to fix it; nothing is written.
 TEST(SceneFlowCommand, NamesFramesWithoutDepth) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteRecording(scratch / "in", 30);
   const ToolResult result = RunTool({"sceneflow", scratch / "in", "-o", scratch / "out"});
   EXPECT_EQ(result.exit_code, 1);
@@ -137,7 +138,7 @@ TEST(SceneFlowCommand, NamesFramesWithoutDepth) {
 
 // An earlier result is replaced only when that is said.
 TEST(SceneFlowCommand, KeepsWhatIsThere) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteRecording(scratch / "in", 60);
   const std::vector<std::string> command = {"sceneflow", scratch / "in", "-o", scratch / "out", "--every", "2"};
   ASSERT_EQ(RunTool(command).exit_code, 0);
@@ -154,7 +155,7 @@ TEST(SceneFlowCommand, KeepsWhatIsThere) {
 // The upsampling's scene flow of frames between depth frames, against the exact motion of the rendered scene: it
 // explains most of it. Held frames and baselines have none, and that is said.
 TEST(UpsampleSceneFlow, IsTheMotionOfEveryFrame) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const SyntheticOptions options = {
       .scene = "pan", .frames = 10, .width = kWidth, .height = kHeight, .sensor = PerfectSensor()};
   ASSERT_TRUE(WriteSyntheticSequence(options, scratch / "in", {}).ok());

@@ -7,6 +7,7 @@
 
 #include "core/io/file.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween::tools {
 namespace {
@@ -14,7 +15,7 @@ namespace {
 using testing::HasSubstr;
 
 TEST(SyncCommand, SaysWhyNothingCanBeTold) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "clip", 64, 48, 17);
   const ToolResult told = RunTool({"sync", scratch / "clip"});
   EXPECT_EQ(told.exit_code, 0) << told.err;
@@ -30,7 +31,7 @@ TEST(SyncCommand, SaysWhyNothingCanBeTold) {
 }
 
 TEST(SyncCommand, UpsamplingKeepsStampsThatCannotBeBettered) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "clip", 64, 48, 17);
   const ToolResult result = RunTool({"upsample", scratch / "clip", "-o", scratch / "out", "--clock", "estimate"});
   ASSERT_EQ(result.exit_code, 0) << result.err;

@@ -9,6 +9,7 @@
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween::tools {
 namespace {
@@ -25,7 +26,7 @@ std::vector<std::string> Small(const std::string& scene, const std::string& out,
 }
 
 TEST(SynthCommand, WritesARecordingThatChecksOut) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const ToolResult result =
       RunTool(Small("bounce", scratch / "clip", {"--time-offset-ms", "1.5", "--drift-ppm", "100"}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
@@ -38,7 +39,7 @@ TEST(SynthCommand, WritesARecordingThatChecksOut) {
 }
 
 TEST(SynthCommand, ReplacesARecordingOnlyWhenTold) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   ASSERT_EQ(RunTool(Small("still", scratch / "clip")).exit_code, 0);
   const auto before = FilesBelow(scratch / "clip");
   const ToolResult refused = RunTool(Small("bounce", scratch / "clip"));
@@ -56,7 +57,7 @@ TEST(SynthCommand, ReplacesARecordingOnlyWhenTold) {
 
 // A wrong command line costs nothing: it is refused before --force removes anything.
 TEST(SynthCommand, SaysWhatIsWrongBeforeItTouchesAnything) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   ASSERT_EQ(RunTool(Small("still", scratch / "clip")).exit_code, 0);
   const auto before = FilesBelow(scratch / "clip");
   const auto refusal = [&](const std::vector<std::string>& more) {

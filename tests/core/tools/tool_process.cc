@@ -12,6 +12,7 @@
 
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween {
 namespace {
@@ -30,7 +31,7 @@ int ExitCode(int wait_status) { return WIFEXITED(wait_status) ? WEXITSTATUS(wait
 }  // namespace
 
 ToolResult RunTool(const std::vector<std::string>& arguments) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   std::vector<std::string> words = arguments;
   words.insert(words.begin(), DEPTHTWEEN_CORE_PROGRAM);
   const std::vector<char*> argv = Argv(words);
@@ -88,15 +89,6 @@ int RunningTask::Wait() {
   waitpid(pid_, &status, 0);
   pid_ = -1;
   return ExitCode(status);
-}
-
-ScratchFolder::ScratchFolder() : path_(testing::TempDir() + "depthtween_tools_XXXXXX") {
-  if (mkdtemp(path_.data()) == nullptr) std::abort();
-}
-
-ScratchFolder::~ScratchFolder() {
-  std::error_code ignored;
-  fs::remove_all(path_, ignored);
 }
 
 void WriteTinyRecording(const std::string& dir, int width, int height, int color_frames) {

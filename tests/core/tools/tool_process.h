@@ -38,21 +38,6 @@ class RunningTask {
   FILE* progress_ = nullptr;
 };
 
-// A folder that is there while this lives.
-class ScratchFolder {
- public:
-  ScratchFolder();
-  ~ScratchFolder();
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-
-  const std::string& path() const { return path_; }
-  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
-
- private:
-  std::string path_;
-};
-
 // A recording of `color_frames` frames at 240 per second with a depth frame at every eighth of them, beginning at frame
 // 2 so that some frames come before the first key: a bright square passes in front of a slanted wall.
 void WriteTinyRecording(const std::string& dir, int width, int height, int color_frames);

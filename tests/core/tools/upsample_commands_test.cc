@@ -11,6 +11,7 @@
 #include "core/io/file.h"
 #include "core/io/result_folder.h"
 #include "tests/core/tools/tool_process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace depthtween::tools {
 namespace {
@@ -36,7 +37,7 @@ struct TaskFiles {
   }
 };
 
-TaskFiles MakeTask(const ScratchFolder& scratch, const json& options) {
+TaskFiles MakeTask(const TemporaryFolder& scratch, const json& options) {
   TaskFiles files{.sequence = scratch / "recording",
                   .options = scratch / "options.json",
                   .constants = scratch / "constants.json",
@@ -55,7 +56,7 @@ class UpsampleCommands : public testing::TestWithParam<std::string> {};
 
 // The division into processes, batches and threads, and the order of the batches, must not show in a single byte.
 TEST_P(UpsampleCommands, TasksGiveTheBitsOfUpsample) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 64, 48, 30);
   const ToolResult local = RunTool({"upsample", scratch / "recording", "-o", scratch / "out", "--method", GetParam()});
   ASSERT_EQ(local.exit_code, 0) << local.err;
@@ -90,7 +91,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, UpsampleCommands, testing::Values("ours", "lin
                          });
 
 TEST(UpsampleCommand, ReportsWhatItDid) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 20);
   const ToolResult run =
       RunTool({"upsample", scratch / "recording", "-o", scratch / "out", "--method", "linear", "--key-every", "2"});
@@ -108,7 +109,7 @@ TEST(UpsampleCommand, ReportsWhatItDid) {
 
 // What was asked for must reach the pipeline: without the median the bits are others, and the report says so.
 TEST(UpsampleCommand, PresetsAndPartsReachThePipeline) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 64, 48, 20);
   const auto depth_of = [&](const std::string& name, const std::vector<std::string>& flags) {
     std::vector<std::string> command = {"upsample", scratch / "recording", "-o", scratch / name};
@@ -141,7 +142,7 @@ TEST(UpsampleCommand, PresetsAndPartsReachThePipeline) {
 }
 
 TEST(UpsampleCommand, ReplacesAResultOnlyWhenForced) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 12);
   const std::vector<std::string> command = {"upsample", scratch / "recording", "-o", scratch / "out", "--method",
                                             "hold"};
@@ -163,7 +164,7 @@ TEST(UpsampleCommand, ReplacesAResultOnlyWhenForced) {
 
 // A result has the same file names as a recording; --force must never cost anybody the latter.
 TEST(UpsampleCommand, NeverWritesIntoARecording) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 12);
   const auto before = FilesBelow(scratch / "recording");
   const ToolResult run =
@@ -193,7 +194,7 @@ TEST(UpsampleCommand, ExitCodesTellUsageFromFailure) {
 
 // A server learns of every frame and interval, and of a failure by its code.
 TEST(TaskCommand, TellsItsProgress) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 20);
   const TaskFiles task = MakeTask(scratch, {{"method", "linear"}});
   ASSERT_EQ(task.Run("prepare").exit_code, 0);
@@ -221,7 +222,7 @@ TEST(TaskCommand, TellsItsProgress) {
 }
 
 TEST(TaskCommand, AssembleNamesWhatIsMissing) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 20);
   const TaskFiles task = MakeTask(scratch, {{"method", "hold"}});
   ASSERT_EQ(task.Run("prepare").exit_code, 0);
@@ -234,7 +235,7 @@ TEST(TaskCommand, AssembleNamesWhatIsMissing) {
 
 // Scene flow is made at the end, frame by frame, and said so; a task that was killed meanwhile makes what is missing.
 TEST(TaskCommand, AssembleTellsHowFarSceneFlowIs) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 64, 48, 12);
   const TaskFiles task = MakeTask(scratch, {{"preset", "fast"}, {"scene_flow", true}});
   ASSERT_EQ(task.Run("prepare").exit_code, 0);
@@ -267,7 +268,7 @@ TEST(TaskCommand, AssembleTellsHowFarSceneFlowIs) {
 // What a server makes may go anywhere: it says nothing of where the server keeps things, and whoever looks at it beside
 // the recording has to say where that is.
 TEST(TaskCommand, ResultsNameNoFolderOfTheServer) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 12);
   const TaskFiles task = MakeTask(scratch, {{"method", "hold"}});
   ASSERT_EQ(task.Run("prepare").exit_code, 0);
@@ -286,7 +287,7 @@ TEST(TaskCommand, ResultsNameNoFolderOfTheServer) {
 }
 
 // Slow enough to be caught in the middle on any machine: 900 frames of dense flow.
-TaskFiles MakeLongTask(const ScratchFolder& scratch) {
+TaskFiles MakeLongTask(const TemporaryFolder& scratch) {
   WriteTinyRecording(scratch / "recording", 64, 48, 900);
   const TaskFiles task = MakeTask(scratch, {{"method", "flow-warp"}});
   EXPECT_EQ(task.Run("prepare").exit_code, 0);
@@ -313,7 +314,7 @@ void ExpectWholeFrames(const TaskFiles& task) {
 }
 
 TEST(TaskCommand, StopsOnSigtermAndLeavesWholeFiles) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const TaskFiles task = MakeLongTask(scratch);
   RunningTask running(AllIntervals(task));
   while (!json::parse(running.ReadLine()).contains("frame")) {
@@ -328,7 +329,7 @@ TEST(TaskCommand, StopsOnSigtermAndLeavesWholeFiles) {
 
 // A server that died leaves the reading end of the pipe closed.
 TEST(TaskCommand, StopsWhenNobodyReadsItsProgress) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const TaskFiles task = MakeLongTask(scratch);
   RunningTask running(AllIntervals(task));
   running.ReadLine();
@@ -338,7 +339,7 @@ TEST(TaskCommand, StopsWhenNobodyReadsItsProgress) {
 }
 
 TEST(TaskCommand, ValidatePrintsWhatIsWrongAndSucceeds) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   WriteTinyRecording(scratch / "recording", 32, 24, 12);
   const ToolResult good = RunTool({"task", "validate", "--sequence", scratch / "recording"});
   ASSERT_EQ(good.exit_code, 0) << good.err;
