@@ -40,7 +40,7 @@ const std::map<std::string, LogLevel> kLogLevels = {{"debug", LogLevel::kDebug},
                                                     {"error", LogLevel::kError}};
 constexpr int kExitOk = 0, kExitFailed = 1, kExitUsage = 2;
 
-// Streams end by themselves at once; this is for clients that do not read, and for calls at work on the disk.
+// Streams end by themselves at once. This is for clients that do not read, and for calls that wait for the disk.
 constexpr absl::Duration kStopPatience = absl::Seconds(2);
 
 struct ServeOptions {
@@ -60,10 +60,10 @@ class StopSignals {
     sigaddset(&signals_, SIGINT);
     sigaddset(&signals_, SIGTERM);
     pthread_sigmask(SIG_BLOCK, &signals_, &before_);
-    signal(SIGPIPE, SIG_IGN);  // a client or a child that hangs up is an error of its write, not our end
+    signal(SIGPIPE, SIG_IGN);  // a peer that hangs up fails a write and must not end the server
   }
 
-  // Returns the first one. A second one ends the process at once: somebody does not want to wait.
+  // Returns the first signal. A second one ends the process at once.
   int Wait() const {
     int number = 0;
     while (sigwait(&signals_, &number) != 0) {
@@ -77,14 +77,14 @@ class StopSignals {
   sigset_t before_{};
 };
 
-// Of a number, or a size with its unit, before it is taken for one. CLI11's own check tells the largest number it
-// knows, in 309 digits, and its sizes take -5GB for an overflow.
+// Checks the text of a number, or of a size with its unit, before CLI11 converts it: CLI11's own check prints its upper
+// bound with 309 digits, and calls -5GB an overflow.
 CLI::Validator AtLeast(int least) {
   return CLI::Validator(
       [least](const std::string& text) {
         char* end = nullptr;
         const double value = std::strtod(text.c_str(), &end);
-        if (end == text.c_str() || value >= least) return std::string();  // what is no number is said elsewhere
+        if (end == text.c_str() || value >= least) return std::string();  // CLI11 rejects what is no number
         return absl::StrCat(text, ", must be at least ", least);
       },
       "");
@@ -106,7 +106,7 @@ absl::Status Serve(const ServeOptions& options) {
   ConfigureLog(options.log);
   RETURN_IF_ERROR(options.rpc.Validate());
 
-  // Each borrows those above it, and goes before them.
+  // Each borrows those above it and is destroyed before them.
   ASSIGN_OR_RETURN(const std::unique_ptr<DataDirectory> directory, DataDirectory::Open(options.data_dir));
   ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenSqliteStore(directory->DatabaseFile(), options.limits));
   const std::unique_ptr<BlobStore> blobs = MakeFolderBlobStore(*directory);
@@ -129,12 +129,12 @@ absl::Status Serve(const ServeOptions& options) {
                     {"workers", absl::StrCat(jobs->workers())},
                     {"data_dir", directory->path()}});
   if (options.rpc.insecure_listen_anywhere) {
-    LogWarning("open_to_everyone", {{"address", address}, {"why", "there is no TLS and there are no tokens"}});
+    LogWarning("open_to_everyone", {{"address", address}, {"why", "there is no TLS and no authentication"}});
   }
 
   const int signal_number = stop_signals.Wait();
   LogInfo("stopping", {{"signal", strsignal(signal_number)}});
-  jobs->StopErrands();  // calls that wait for a process must not outlast the patience
+  jobs->StopErrands();  // calls that wait for a child must not outlast the patience
   server->Stop(kStopPatience);
   return absl::OkStatus();  // the destructors end the children and close the store
 }
@@ -146,20 +146,23 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   command->add_option("--listen", options.rpc.listen, "HOST:PORT (port 0: any free one) or unix:PATH")
       ->capture_default_str();
   command->add_option("--port-file", options.port_file, "Write the bound port to this file once ready");
-  command->add_flag("--insecure-listen-anywhere", options.rpc.insecure_listen_anywhere,
-                    "Listen on other than loopback addresses although there is no TLS and there are no tokens yet: "
-                    "whoever reaches the port may read and delete everything");
+  command->add_flag(
+      "--insecure-listen-anywhere", options.rpc.insecure_listen_anywhere,
+      "Listen on addresses other than loopback. There is no TLS and no authentication yet: anyone who can reach "
+      "the port can read and delete everything");
   command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")
       ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str();
-  command->add_option("--threads", options.jobs.default_threads, "Threads of a task whose job leaves it to the server")
+  command
+      ->add_option("--threads", options.jobs.default_threads,
+                   "Threads of a task whose job leaves the choice to the server")
       ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str();
   command
       ->add_option("--frame-renderers", options.jobs.frame_renderers,
-                   "Single frames that are rendered on demand at the same time, beside the workers")
+                   "Single frames rendered on demand at the same time, beside the workers")
       ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str();
@@ -170,25 +173,25 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   const auto size = CLI::AsSizeValue(/*kb_is_1000=*/true);  // 20GB, 256MiB
   command
       ->add_option("--max-sequence-bytes", options.limits.max_sequence_bytes,
-                   "Of one recording; also as 20GB or 256MiB")
+                   "Largest size of one recording; also as 20GB or 256MiB")
       ->transform(size)
       ->transform(AtLeast(1))
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
-  command->add_option("--max-files-per-sequence", options.limits.max_files_per_sequence, "Of one recording")
+  command->add_option("--max-files-per-sequence", options.limits.max_files_per_sequence, "Most files of one recording")
       ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str()
       ->group(limits);
-  command->add_option("--max-queued-jobs", options.limits.max_queued_jobs, "Jobs that wait")
+  command->add_option("--max-queued-jobs", options.limits.max_queued_jobs, "Most jobs in the queue")
       ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str()
       ->group(limits);
   command
       ->add_option("--reserved-disk-bytes", options.limits.reserved_disk_bytes,
-                   "Uploads that would leave less free are refused")
+                   "Refuse uploads that would leave less space free")
       ->transform(size)
       ->transform(AtLeast(0))
       ->type_name("SIZE")
@@ -200,7 +203,7 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
-  command->add_option("--max-calls", options.rpc.max_calls, "Calls in flight, streams included")
+  command->add_option("--max-calls", options.rpc.max_calls, "Most calls in flight, streams included")
       ->check(AtLeast(1))
       ->type_name("N")
       ->capture_default_str()

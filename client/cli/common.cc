@@ -23,9 +23,10 @@ void AddCommonOptions(CLI::App& command, CommonOptions& options) {
       ->check(client::AddressProblem)
       ->capture_default_str();
   command
-      .add_option("--patience", options.patience_s,
-                  "Go on trying for this long while the server does not answer: it has yet to start, restarts, or the "
-                  "network is down. 0: give up at once")
+      .add_option(
+          "--patience", options.patience_s,
+          "Keep trying for this long while the server does not answer, because it is starting, restarting or cut "
+          "off. 0: give up at once")
       ->type_name("SECONDS")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
@@ -36,7 +37,7 @@ absl::StatusOr<std::unique_ptr<client::Connection>> Connect(const CommonOptions&
   const auto on_away = [options](const absl::Status& why) {
     const std::string what =
         absl::IsUnavailable(why) ? absl::StrCat("no server answers at ", options.server) : std::string(why.message());
-    if (isatty(STDERR_FILENO) == 1) std::cerr << "\r\x1b[K";  // there may be a progress line, which comes again below
+    if (isatty(STDERR_FILENO) == 1) std::cerr << "\r\x1b[K";  // erases a progress line
     std::cerr << "depthtween: " << what << "; trying again for up to " << options.patience_s << " s (--patience)"
               << std::endl;
   };
@@ -49,7 +50,7 @@ absl::StatusOr<std::string> JobName(const std::string& argument) {
   const absl::string_view id = absl::StripPrefix(argument, "jobs/");
   if (id.empty() || absl::StrContains(id, '/')) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "'%s' is not the name of a job, which looks like jobs/ID ('depthtween list' shows them)", argument));
+        "'%s' is not the name of a job: it must be jobs/ID ('depthtween list' shows the jobs)", argument));
   }
   return absl::StrCat("jobs/", id);
 }

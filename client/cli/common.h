@@ -34,7 +34,7 @@ int Report(const absl::Status& status);
 // The exit code of a job that has ended. Prints why when that is not success.
 int ReportOutcome(const v1::Job& job);
 
-// A resource in the JSON mapping of protobuf, every field there: what the HTTP interface would answer.
+// A resource in protobuf's JSON mapping, with every field, as the HTTP interface would answer.
 nlohmann::json ToJson(const google::protobuf::Message& message);
 
 // One line on stdout, flushed: a script reading a pipe sees it at once.
@@ -44,9 +44,9 @@ void PrintJson(const nlohmann::json& json);
 std::string StateName(v1::Job::State state);
 std::string StateName(v1::Sequence::State state);
 
-// Text from the server without the control characters that it may hold: they must not reach the terminal.
+// Text from the server without control characters, which must not reach the terminal.
 std::string Printable(std::string text);
-// The same of a text that may have several lines.
+// The same for text of several lines.
 std::string PrintableLines(std::string text);
 
 // "17 B", "1.4 MB": powers of 1000.

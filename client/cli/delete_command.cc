@@ -57,7 +57,7 @@ int Delete(const DeleteOptions& options) {
 void AddDeleteCommand(CLI::App& app, int* exit_code) {
   const auto options = std::make_shared<DeleteOptions>();
   CLI::App* command =
-      app.add_subcommand("delete", "Remove jobs with their results, or recordings; prints what is gone");
+      app.add_subcommand("delete", "Remove jobs with their results, or recordings; prints what it removed");
   command->add_option("name", options->names, "jobs/ID or sequences/ID")->type_name("NAME")->required();
   AddCommonOptions(*command, options->common);
   command->callback([options, exit_code] { *exit_code = Delete(*options); });

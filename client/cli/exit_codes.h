@@ -7,7 +7,7 @@ namespace depthtween::cli {
 inline constexpr int kExitOk = 0;
 inline constexpr int kExitFailed = 1;         // the command could not do its work; stderr says why
 inline constexpr int kExitUsage = 2;          // the command line is wrong; nothing was done
-inline constexpr int kExitUnreachable = 3;    // no server answers, or it stayed away for too long
+inline constexpr int kExitUnreachable = 3;    // no server answers within --patience
 inline constexpr int kExitInputRejected = 4;  // the recording is not valid; stderr names the files
 inline constexpr int kExitJobFailed = 5;
 inline constexpr int kExitJobCancelled = 6;

@@ -29,7 +29,7 @@ int Fetch(const FetchOptions& options) {
   if (!connection.ok()) return Report(connection.status());
   const absl::StatusOr<client::FetchSummary> fetched =
       FetchWithProgressLine(**connection, *name, options.output, {.follow = options.follow, .replace = options.force});
-  // Aborted: the job that was followed ended without success; the job itself says how.
+  // Aborted: the followed job ended without success; the job says why.
   if (!fetched.ok() && !absl::IsAborted(fetched.status())) return Report(fetched.status());
   const absl::StatusOr<v1::Job> job = client::GetJob(**connection, *name);
   if (!job.ok()) return Report(job.status());
@@ -45,7 +45,7 @@ int Fetch(const FetchOptions& options) {
   if (client::HasEnded(job->state()) && job->state() != v1::Job::STATE_SUCCEEDED) return ReportOutcome(*job);
   if (lost) return kExitFailed;
   std::cerr << "depthtween: " << *name << " has not ended (" << DescribeProgress(*job)
-            << "); run the command again for the rest, or with --follow to wait for it" << std::endl;
+            << "); run the command again to fetch the rest, or use --follow to wait for it" << std::endl;
   return kExitNotFinished;
 }
 
@@ -53,7 +53,8 @@ int Fetch(const FetchOptions& options) {
 
 void AddFetchCommand(CLI::App& app, int* exit_code) {
   const auto options = std::make_shared<FetchOptions>();
-  CLI::App* command = app.add_subcommand("fetch", "Bring the result of a job home. The same command again resumes");
+  CLI::App* command =
+      app.add_subcommand("fetch", "Fetch the result of a job. If interrupted, the same command resumes");
   command->add_option("job", options->job, "jobs/ID, as submit and list print it")->type_name("JOB")->required();
   command->add_option("-o,--out", options->output, "Folder for the result")->required()->type_name("OUT");
   command->add_flag("--follow", options->follow, "Fetch frames as a running job makes them, until it ends");

@@ -115,7 +115,7 @@ absl::StatusOr<v1::Job> WatchWithProgressLine(client::Connection& connection, co
   ProgressLine line(name);
   std::string said;
   return client::WatchJob(connection, name, [&](const v1::JobEvent&, const v1::Job& job) {
-    // What was said before stays at its beginning.
+    // Measurements are only ever appended.
     if (const std::string measured = DescribeMeasured(job); measured.size() > said.size()) {
       line.Say(measured.substr(said.size()));
       said = measured;

@@ -15,15 +15,14 @@ std::string DescribeProgress(const v1::Job& job);
 // Why a job FAILED, in one line; empty if it did not.
 std::string DescribeFailure(const v1::Job& job);
 
-// What was asked for beyond the defaults, as flags of `depthtween submit` or `sceneflow`, in one line; empty if nothing
-// was.
+// The options that differ from the defaults, as flags of `depthtween submit` or `sceneflow`, in one line; empty if
+// there are none.
 std::string DescribeOptions(const v1::Job& job);
 
-// What was measured on the recording itself, as lines for people: the self-check, the clock. Empty if nothing was.
+// Measurements of the recording itself, as lines for people: the self-check, the clock. Empty if there are none.
 std::string DescribeMeasured(const v1::Job& job);
 
-// Follows a job with a progress line on stderr until it has ended; what is measured is printed there as soon as it is
-// known.
+// Follows a job until it has ended, with a progress line on stderr. Prints measurements there as they arrive.
 absl::StatusOr<v1::Job> WatchWithProgressLine(client::Connection& connection, const std::string& name);
 
 // Fetches a result with a progress line on stderr.

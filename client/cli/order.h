@@ -1,4 +1,4 @@
-// Orders of jobs from what the command line says.
+// Builds jobs from the command line.
 #ifndef DEPTHTWEEN_CLIENT_CLI_ORDER_H_
 #define DEPTHTWEEN_CLIENT_CLI_ORDER_H_
 
@@ -11,8 +11,8 @@
 
 namespace depthtween::cli {
 
-// A job of `kind` with the options of `document`, checked here so that a mistake is told before anything is uploaded.
-// InvalidArgument names the option, its value and the rule.
+// A job of `kind` with the options of `document`, checked here so that a mistake is reported before anything is
+// uploaded. InvalidArgument names the option, its value and the rule.
 absl::StatusOr<v1::Job> OrderOf(JobKind kind, const nlohmann::json& document);
 
 // The renders that the flags ask for, as RendersOf (core/flags/render_flags.h) has them.

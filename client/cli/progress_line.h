@@ -1,5 +1,5 @@
-// Tells a person at a terminal how something gets on: one line that redraws itself, or now and then a plain line where
-// stderr is not a terminal.
+// Progress for a person at a terminal: one line that redraws itself, or an occasional plain line where stderr is not a
+// terminal.
 #ifndef DEPTHTWEEN_CLIENT_CLI_PROGRESS_LINE_H_
 #define DEPTHTWEEN_CLIENT_CLI_PROGRESS_LINE_H_
 
@@ -15,12 +15,12 @@ class ProgressLine {
  public:
   // `what` is being done: "upload".
   explicit ProgressLine(std::string what);
-  // Shows the last state if it was held back, and leaves the cursor at the start of an empty line.
+  // Shows the last state if it is not on the screen yet, and leaves the cursor at the start of an empty line.
   ~ProgressLine();
   ProgressLine(const ProgressLine&) = delete;
   ProgressLine& operator=(const ProgressLine&) = delete;
 
-  // `fraction` from 0 to 1. May be called as often as one likes: it draws only as often as an eye can follow.
+  // `fraction` from 0 to 1. May be called at any rate: it limits how often it draws.
   void Show(double fraction, const std::string& facts);
   // Prints lines above this one, at once. `text` ends with a newline.
   void Say(const std::string& text);

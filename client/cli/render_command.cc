@@ -25,11 +25,11 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr char kFooter[] =
-    "A finished JOB is rendered by a new job on the server that takes its depth over and computes none; the same\n"
-    "command again finds that job. With --frame one picture is rendered at once, from a job that may still run.\n"
-    "Preset and stages left out are the job's: they made its depth. For another preset, submit again with --preset.\n"
+    "A new job on the server renders the depth of JOB, which must be finished, without computing it again. The same\n"
+    "command finds that job again. With --frame the server renders one picture at once; JOB may still be running.\n"
+    "The preset and the stages left out are those of JOB. For another preset, submit again with --preset.\n"
     "OUT is a video (.mp4: H.264, .mkv: FFV1, lossless) or a folder for images; with --frame an image (.png, .jpg).\n"
-    "Videos of two eyes get the ending that players know them by, such as _LRF_Full_SBS.\n"
+    "Stereo videos get the name ending that players recognise, such as _LRF_Full_SBS.\n"
     "\n"
     "Example:  depthtween render jobs/ID --dof --fstop 1.4 --focus-track 0,320,240 -o blurred.mp4\n"
     "Example:  depthtween render jobs/ID --dof --focus-depth 2 --frame 17 -o try.jpg\n";
@@ -75,7 +75,7 @@ absl::Status RenderOneFrame(client::Connection& connection, const RenderCommand&
   return client::WriteFile(command.output, frame.bytes);
 }
 
-// Brings home what the render of a job left, but for what the server has `lost` of its pictures. The files written.
+// Fetches the pictures or videos of a rendering job, except what the server has `lost`. Returns the files written.
 absl::StatusOr<std::vector<std::string>> FetchRender(client::Connection& connection, const RenderCommand& command,
                                                      const v1::Job& job, std::vector<client::LostOutput>& lost) {
   if (job.renders_size() != 1) return absl::DataLossError(absl::StrCat(job.name(), " came back without its render"));
@@ -135,7 +135,7 @@ int Render(const RenderCommand& command) {
   order.set_sequence(job->sequence());
   *order.mutable_options() = job->options();
   order.set_threads(job->threads());
-  order.mutable_options()->clear_scene_flow();  // for pictures it would be made once more
+  order.mutable_options()->clear_scene_flow();  // pictures do not need it
   *order.add_renders() = renders->front();
   order.set_depth_from(*name);
   job = client::SubmitJob(**connection, order);

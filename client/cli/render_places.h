@@ -1,4 +1,4 @@
-// Where the pictures and videos of a render go on this machine. Names from a server are held to it.
+// Where the pictures and videos of a render go on this machine. Names from a server cannot lead elsewhere.
 #ifndef DEPTHTWEEN_CLIENT_CLI_RENDER_PLACES_H_
 #define DEPTHTWEEN_CLIENT_CLI_RENDER_PLACES_H_
 

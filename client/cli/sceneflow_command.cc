@@ -26,7 +26,7 @@ void AddSceneFlowCommand(CLI::App& app, int* exit_code) {
   AddOptionFlags(*subcommand, SceneFlowOptionSpecs(), command->document);
   subcommand->footer(
       "OUT gets what 'depthtween-core sceneflow' writes: report.json, preview.png, and by format sceneflow/*.npz,\n"
-      "flow/*.flo with depth_change/*.pfm, or kitti/. A recording with less depth than colour is for\n"
+      "flow/*.flo with depth_change/*.pfm, or kitti/. For a recording with less depth than colour, use\n"
       "'depthtween submit --scene-flow'.\n"
       "\n"
       "Example:  depthtween sceneflow recording --format flo,kitti -o motion\n");

@@ -40,7 +40,7 @@ absl::StatusOr<v1::Sequence> UploadWithProgress(client::Connection& connection, 
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     const int64_t sent = now.bytes_done - now.bytes_found;
     std::string facts = absl::StrCat(FormatBytes(now.bytes_done), " of ", FormatBytes(now.bytes_total));
-    if (now.bytes_found > 0) absl::StrAppend(&facts, ", ", FormatBytes(now.bytes_found), " were there");
+    if (now.bytes_found > 0) absl::StrAppend(&facts, ", ", FormatBytes(now.bytes_found), " were already there");
     // A rate over less than this is noise.
     if (sent > 0 && seconds > 0.5) {
       absl::StrAppend(&facts, ", ", FormatBytes(static_cast<int64_t>(static_cast<double>(sent) / seconds)), "/s");
@@ -69,18 +69,19 @@ int ReportRejected(const v1::Sequence& sequence) {
     return kExitInputRejected;
   }
   std::cerr << "depthtween: the server could not check this recording: " << PrintableLines(sequence.error().message())
-            << ". When that is fixed, 'depthtween delete " << sequence.name() << "' and submit it again" << std::endl;
+            << ". When that is fixed, run 'depthtween delete " << sequence.name() << "' and submit it again"
+            << std::endl;
   return kExitFailed;
 }
 
-// A failure before the server had the whole recording. One that speaks of the files is a rejection.
+// A failure before the server had the whole recording. One about the files is a rejection.
 int ReportInput(const absl::Status& status) {
   const int code = Report(status);
   const bool rejected = absl::IsInvalidArgument(status) || absl::IsNotFound(status) || absl::IsDataLoss(status);
   return rejected ? kExitInputRejected : code;
 }
 
-// What a submit has to tell: filled as it gets on, printed once, whatever came of it.
+// What a submit reports: filled in as it proceeds, printed once, whatever the outcome.
 struct SubmitResult {
   std::optional<v1::Sequence> sequence;
   client::UploadProgress upload;

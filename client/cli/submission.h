@@ -1,4 +1,4 @@
-// What every command does that uploads a recording and orders a job on it.
+// What the commands share that upload a recording and create a job for it.
 #ifndef DEPTHTWEEN_CLIENT_CLI_SUBMISSION_H_
 #define DEPTHTWEEN_CLIENT_CLI_SUBMISSION_H_
 
@@ -22,9 +22,9 @@ struct SubmissionOptions {
 // Adds them to a subcommand. `options` must outlive the parsing.
 void AddSubmissionOptions(CLI::App& command, SubmissionOptions& options);
 
-// Uploads what the server lacks, orders the job - `order` without name and sequence - and, if that is asked for, waits
-// for it and fetches its result. An `order` that is an error is reported before anything is done. Prints what came of
-// it and returns the exit code.
+// Uploads what the server lacks, creates the job of `order`, which has neither name nor sequence, and, if asked to,
+// waits for it and fetches its result. Reports an `order` that is an error before doing anything. Prints the outcome
+// and returns the exit code.
 int RunSubmission(const SubmissionOptions& options, absl::StatusOr<v1::Job> order);
 
 }  // namespace depthtween::cli

@@ -13,7 +13,7 @@ constexpr milliseconds kFirstPause{100};
 constexpr milliseconds kLongestPause{3000};
 constexpr int kQuietTries = 2;  // of a second or less, as a restart or a busy server takes
 
-// Clients that one restart has cut off together must not come back together.
+// Clients that one restart has cut off must not all come back at the same moment.
 double Jitter() {
   thread_local std::minstd_rand generator(std::random_device{}());
   return std::uniform_real_distribution<>(0.8, 1.2)(generator);

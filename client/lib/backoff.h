@@ -1,4 +1,4 @@
-// How long to go on trying while a server is away, and how long to pause between tries.
+// How long to keep trying while a server is unreachable, and how long to pause between tries.
 #ifndef DEPTHTWEEN_CLIENT_LIB_BACKOFF_H_
 #define DEPTHTWEEN_CLIENT_LIB_BACKOFF_H_
 
@@ -16,12 +16,12 @@ inline constexpr int kDamagedTries = 3;
 // Grammar of use:  (Wait | Reset)*  - Wait after every failed try, Reset whenever something has got through.
 class Backoff {
  public:
-  // `on_away` is told, once of each absence that lasts longer than a moment, why the last try failed; may be empty.
+  // `on_away` is called once in each absence longer than a moment, with why the last try failed; may be empty.
   explicit Backoff(std::chrono::milliseconds patience, std::function<void(const absl::Status&)> on_away = nullptr)
       : patience_(patience), on_away_(std::move(on_away)) {}
 
-  // Pauses, twice as long as the time before, from 0.1 s to 3 s; `why` the try failed. False, at once, when `patience`
-  // has passed since the first failure after something got through.
+  // Pauses: 0.1 s at first, twice as long each time, at most 3 s. `why` the try failed. Returns false at once when
+  // `patience` has passed since the first failure after the last success.
   bool Wait(const absl::Status& why);
   void Reset();
 

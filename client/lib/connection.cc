@@ -31,11 +31,11 @@ ConnectionOptions Normalised(ConnectionOptions options) {
 
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address) {
   grpc::ChannelArguments arguments;
-  // A peer that vanished without a word (cable, suspended machine) is noticed on a stream after this much silence. The
-  // server's heartbeats keep healthy streams below it.
+  // After this much silence on a stream, its peer has vanished (cable, suspended machine). The server's heartbeats keep
+  // healthy streams below it.
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
-  // Our own back-off paces the tries; the channel's would make them wait up to two minutes for a server long back.
+  // Our own back-off paces the tries; the channel's own would wait up to two minutes for a server that is long back.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
   // http_proxy is meant for the web; obeying it would send even loopback calls there.
@@ -43,9 +43,9 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address) {
   return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
 }
 
-// gRPC's words for why there is no connection, without what only its authors need.
+// gRPC's reason for a missing connection, without what only its authors need.
 std::string Why(const std::string& words) {
-  if (absl::StrContains(words, "DNS resolution failed")) return "the name of the host is not known";
+  if (absl::StrContains(words, "DNS resolution failed")) return "the host name is not known";
   constexpr absl::string_view kRefused = "Failed to connect to remote host: ";
   const size_t at = words.rfind(kRefused.data());
   return at == std::string::npos ? words : words.substr(at + kRefused.size());
@@ -56,7 +56,7 @@ std::string Why(const std::string& words) {
 std::string AddressProblem(const std::string& address) {
   const std::string rule = absl::StrCat("'", address, "' is not the address of a server: ");
   if (absl::StartsWith(address, "unix:")) return "";
-  if (absl::StrContains(address, "://")) return rule + "leave out what stands before HOST:PORT";
+  if (absl::StrContains(address, "://")) return rule + "remove what precedes HOST:PORT";
   const std::string full = WithPort(address);
   const size_t colon = full.find_last_of(':');
   int port = 0;
@@ -94,10 +94,10 @@ absl::StatusOr<std::unique_ptr<Connection>> Connection::Open(const ConnectionOpt
 }
 
 absl::Status Connection::Answer(const grpc::Status& status) const {
-  // An address that swallows packets runs into our deadline where another refuses; a server that says so of its own
-  // work says more than that.
+  // An address that drops packets runs into our deadline; others refuse at once. A deadline of the server itself
+  // carries details.
   const bool silent = status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED && status.error_details().empty();
-  // Cancelled: not by us, so the server ended the call because it is going away.
+  // Cancelled, but not by us: the server ended the call because it is stopping.
   if (!silent && status.error_code() != grpc::StatusCode::UNAVAILABLE &&
       status.error_code() != grpc::StatusCode::CANCELLED) {
     return FromRpc(status);

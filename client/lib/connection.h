@@ -1,4 +1,4 @@
-// One server, and calls to it that survive its absence: a restart or a cut line costs time, not work.
+// One server, and calls to it that survive its absence: a restart or a cut connection costs time, not work.
 //
 // Threads: safe to use concurrently.
 #ifndef DEPTHTWEEN_CLIENT_LIB_CONNECTION_H_
@@ -27,18 +27,19 @@ std::string AddressProblem(const std::string& address);
 struct ConnectionOptions {
   // host:port; without a port 50051.
   std::string address = "127.0.0.1:50051";
-  // The longest that a call may take which only asks or orders.
+  // Time limit of a call that transfers no files or frames.
   std::chrono::milliseconds call_timeout{20'000};
-  // How long to go on trying while the server does not answer, at first contact as later.
+  // How long to keep trying while the server does not answer, from the first call on.
   std::chrono::milliseconds patience{60'000};
-  // Told once of each absence that lasts longer than a moment, by the call that waits; may be empty.
+  // Called once in each absence longer than a moment, by the call that waits; may be empty.
   std::function<void(const absl::Status& why)> on_away;
 };
 
 class Connection {
  public:
-  // Asks the server about itself, as patient as every call. InvalidArgument for an AddressProblem; Unavailable says
-  // which address does not answer and how to start a server; Unimplemented that something else answers there.
+  // Asks the server about itself, with the patience of every call. Errors: InvalidArgument for an AddressProblem;
+  // Unavailable says which address does not answer and how to start a server; Unimplemented when something else answers
+  // there.
   static absl::StatusOr<std::unique_ptr<Connection>> Open(const ConnectionOptions& options);
 
   const ConnectionOptions& options() const { return options_; }
@@ -48,7 +49,7 @@ class Connection {
   v1::JobService::StubInterface& jobs() { return *jobs_; }
   v1::OutputService::StubInterface& outputs() { return *outputs_; }
 
-  // One call, tried again while the server is away:
+  // One call, retried while the server is unreachable:
   //   connection.Call(connection.jobs(), &v1::JobService::StubInterface::GetJob, request)
   template <typename Stub, typename Request, typename Response>
   absl::StatusOr<Response> Call(Stub& stub,
@@ -56,8 +57,7 @@ class Connection {
                                 const Request& request) {
     return CallWithin(options_.call_timeout, stub, method, request);
   }
-  // The same for a call that removes something. An answer may be lost on the way: NotFound after a try that nobody
-  // answered says that it is gone, which is what was asked for.
+  // The same for a call that deletes. An answer may be lost on the way, so NotFound after an unanswered try is success.
   template <typename Stub, typename Request, typename Response>
   absl::Status Remove(Stub& stub, grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                       const Request& request) {
@@ -66,7 +66,7 @@ class Connection {
     return unanswered && absl::IsNotFound(status) ? absl::OkStatus() : status;
   }
 
-  // For what is not a single call and can be tried again too.
+  // For work of more than one call that can be retried as well.
   Backoff NewBackoff() const { return Backoff(options_.patience, options_.on_away); }
   // The status of a call to this server; Unavailable names the address and what to do.
   absl::Status Answer(const grpc::Status& status) const;

@@ -27,8 +27,7 @@ using Outputs = v1::OutputService::StubInterface;
 
 constexpr int64_t kMostFrameBytes = int64_t{1} << 30;
 
-// Says whether a stream that ended with an error is worth another: the server is away, or bytes were damaged on the
-// way.
+// Whether to retry a stream that ended with an error: the server is unreachable, or bytes arrived damaged.
 class Persistence {
  public:
   explicit Persistence(const Connection& connection) : backoff_(connection.NewBackoff()) {}
@@ -54,7 +53,7 @@ absl::Status CheckChecksum(std::string_view data, uint32_t expected, std::string
                                              absl::string_view(what.data(), what.size()), offset));
 }
 
-// Puts the chunks of one frame after another together.
+// Assembles frames from their chunks.
 class FrameAssembler {
  public:
   explicit FrameAssembler(std::string output) : output_(std::move(output)) {}
@@ -88,7 +87,7 @@ class FrameAssembler {
 
 std::string FetchStatePath(const std::string& directory) { return directory + "/.fetch.json"; }
 
-// What a result folder remembers of an unfinished fetch.
+// The state of an unfinished fetch, kept in the result folder.
 class FetchState {
  public:
   // FailedPrecondition if the folder's fetch is of another job.
@@ -124,7 +123,7 @@ class FetchState {
     const auto found = lost_.find(output);
     return found == lost_.end() ? std::set<int>() : found->second;
   }
-  // The frame is in the folder, and `next_frame` is the first that is not known, unless a later one was.
+  // The frame is in the folder. The fetch continues at `next_frame`, unless it had got further already.
   absl::Status AddFetched(const std::string& output, int frame, int next_frame) {
     if (const auto found = lost_.find(output); found != lost_.end()) found->second.erase(frame);
     return GoOn(output, next_frame);
@@ -178,7 +177,7 @@ int After(int frame, int stride) {
   return static_cast<int>(std::min<int64_t>(int64_t{frame} + std::max(1, stride), std::numeric_limits<int>::max()));
 }
 
-// What a result has, and what the new one will have: pictures of another job under other names stay.
+// What a result consists of, and what the new one will consist of. Pictures of another job under other names stay.
 absl::Status RemoveResult(const std::string& directory, const v1::ListOutputsResponse& outputs) {
   std::vector<std::string> parts = {".fetch.json", "report.json",  "depth.txt", "camera.json", "depth",
                                     "uncertainty", "provenance",   "motion",    "sceneflow",   "preview.png",
@@ -350,7 +349,7 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
     RETURN_IF_ERROR(MakeFolder(absl::StrCat(directory, "/", folder)));
     const auto keep = [&](const Frame& frame) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string name, FrameFileName(frame.header));
-      // One without bytes says that this output has nothing for the frame.
+      // A frame without bytes: this output has nothing for it.
       if (!frame.bytes.empty()) {
         RETURN_IF_ERROR(WriteFile(absl::StrCat(directory, "/", folder, "/", name), frame.bytes));
       }
@@ -363,7 +362,7 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
     const auto leave_out = [&](int frame) { return state.AddLost(folder, frame, After(frame, /*stride=*/1)); };
     v1::StreamFramesRequest request;
     request.set_name(output.name());
-    // Lost when it was asked for last; somebody may have put it back.
+    // Lost at the last request; it may have been restored since.
     for (const int frame : state.lost(folder)) {
       request.set_start_frame(frame);
       request.set_end_frame(After(frame, /*stride=*/1));
@@ -375,7 +374,7 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
     RETURN_IF_ERROR(StreamFrames(connection, request, keep, leave_out));
   }
 
-  // Asked again: while frames were followed the job has ended and made its files.
+  // Asked again: the job has ended meanwhile and made its files.
   ASSIGN_OR_RETURN(outputs, ListOutputs(connection, job));
   summary.complete = outputs.outputs_size() > 0;
   progress.frames_total = 0;
@@ -392,7 +391,7 @@ absl::StatusOr<FetchSummary> FetchResult(Connection& connection, const std::stri
       }
       continue;
     }
-    // What is lost is asked for all the same: it may have been put back.
+    // Requests lost files too: they may have been restored.
     if (!output.ready() && !output.lost()) {
       summary.complete = false;
       continue;

@@ -38,7 +38,7 @@ absl::StatusOr<std::string> ReadFile(const std::string& path);
 // Makes a folder and its parents; one that is there is fine.
 absl::Status MakeFolder(const std::string& path);
 
-// Whether `name` can only be a file inside the folder it is put in. Names from a server are held to this.
+// Whether `name` can only be a file inside the folder it is put in. Names from a server must pass this.
 bool IsPlainFileName(std::string_view name);
 
 }  // namespace depthtween::client

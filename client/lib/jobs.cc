@@ -38,7 +38,7 @@ void Apply(const v1::JobEvent& event, v1::Job& job) {
   }
 }
 
-// The same for the same order alone.
+// Equal for equal orders only.
 std::string RequestId(const v1::Job& job) {
   Sha256 id;
   id.Update(job.SerializeAsString());  // has no maps: the same order has the same bytes
@@ -80,7 +80,7 @@ absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job) {
   retry.set_name(made.name());
   absl::StatusOr<v1::Job> retried = connection.Call(connection.jobs(), &Jobs::RetryJob, retry);
   if (!absl::IsFailedPrecondition(retried.status())) return retried;
-  // A try of this call may have got through and its answer been lost: then the job is queued already.
+  // An earlier try may have succeeded and its answer been lost: then the job is queued already.
   ASSIGN_OR_RETURN(made, GetJob(connection, made.name()));
   if (made.state() == v1::Job::STATE_FAILED || made.state() == v1::Job::STATE_CANCELLED) return retried.status();
   return made;

@@ -1,4 +1,4 @@
-// Orders a job, and follows it until it ends.
+// Creates a job, and follows it until it ends.
 #ifndef DEPTHTWEEN_CLIENT_LIB_JOBS_H_
 #define DEPTHTWEEN_CLIENT_LIB_JOBS_H_
 
@@ -9,7 +9,7 @@
 
 namespace depthtween::client {
 
-// Whether a job in this state will do no more of itself.
+// Whether a job in this state has ended; only a retry changes it.
 bool HasEnded(v1::Job::State state);
 
 // OK for a job that SUCCEEDED; its error if it FAILED; Cancelled; FailedPrecondition while it has not ended.
@@ -17,12 +17,12 @@ absl::Status Outcome(const v1::Job& job);
 
 absl::StatusOr<v1::Job> GetJob(Connection& connection, const std::string& name);
 
-// Queues the job, or finds the one that the same sequence and options made before. One that FAILED or was CANCELLED is
-// queued again, and keeps the intervals it has finished.
+// Queues the job, or finds the earlier job of the same sequence and options. Queues that one again if it FAILED or was
+// CANCELLED; it keeps its finished intervals.
 absl::StatusOr<v1::Job> SubmitJob(Connection& connection, const v1::Job& job);
 
-// Follows a job until it has ended, across restarts of the server, and returns it. `on_event` is told every event and
-// the job as it then is; may be empty.
+// Follows a job until it has ended, across restarts of the server, and returns it. `on_event` gets every event and the
+// job after it; may be empty.
 absl::StatusOr<v1::Job> WatchJob(Connection& connection, const std::string& name,
                                  const std::function<void(const v1::JobEvent&, const v1::Job&)>& on_event);
 

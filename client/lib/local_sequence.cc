@@ -27,7 +27,7 @@ namespace fs = std::filesystem;
 constexpr int64_t kReadBytes = 1 << 20;
 constexpr size_t kNamedInMessage = 10;  // more missing files than this are counted, not named
 
-// The file names of a list such as rgb.txt. Lines without a name are left for the server to complain about.
+// The file names of a list such as rgb.txt. Lines without a name are left for the server to reject.
 absl::StatusOr<std::vector<std::string>> ReadList(const fs::path& list) {
   std::ifstream in(list);
   if (!in) return ErrnoStatus(errno, "reading " + list.string());
@@ -47,7 +47,7 @@ bool IsUtf8(const std::string& text) {
   return google::protobuf::internal::IsStructurallyValidUTF8(text.data(), static_cast<int>(text.size()));
 }
 
-// A name for people of at most 200 bytes, which is what a server takes.
+// A display name of at most 200 bytes, the server's limit.
 std::string DisplayName(const std::string& folder_name) {
   const bool fits = folder_name.size() <= 200 && IsUtf8(folder_name);
   return fits ? folder_name : absl::CHexEscape(folder_name).substr(0, 200);

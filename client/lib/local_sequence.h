@@ -1,8 +1,8 @@
-// A recording on this machine: which of its files are sent, and the hash that tells it from every other.
+// A recording on this machine: which of its files are sent, and the hash that identifies it.
 //
 // A sequence folder holds rgb.txt and depth.txt ("timestamp filename" a line, # comments), camera.json and the frames
-// that the lists name. Only those are sent: neither ground truth beside them nor anything outside the folder. What the
-// files contain is for the server to judge.
+// that the lists name. Only those are sent: no ground truth beside them, nothing outside the folder. The server checks
+// what the files contain.
 #ifndef DEPTHTWEEN_CLIENT_LIB_LOCAL_SEQUENCE_H_
 #define DEPTHTWEEN_CLIENT_LIB_LOCAL_SEQUENCE_H_
 

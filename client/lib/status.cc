@@ -16,7 +16,7 @@ namespace {
 constexpr char kReasonPayload[] = "depthtween/reason";
 constexpr char kFramePayload[] = "depthtween/frame";
 
-// Adds "; field: description" for every violation that `message` does not already speak of.
+// Adds "; field: description" for every violation that `message` does not mention yet.
 void AppendFieldViolations(const google::rpc::Status& details, std::string& message) {
   for (const google::protobuf::Any& detail : details.details()) {
     google::rpc::BadRequest bad_request;

@@ -20,12 +20,12 @@ namespace depthtween::client {
 // The status of a call. Field violations that the server sent as details and did not put into its message are appended.
 absl::Status FromRpc(const grpc::Status& status);
 
-// Whether the same call may succeed a little later: the server is away, stopping, or has too much to do right now.
+// Whether the same call may succeed a little later: the server is unreachable, stopping or busy.
 bool IsTransient(const absl::Status& status);
 
 // Whether the server has lost what was asked for: asking again does not help.
 bool IsLost(const absl::Status& status);
-// Which frame that is, of an output that is made of frames. nullopt if it is none, or nothing is lost.
+// The lost frame, of an output that is made of frames; otherwise nullopt.
 std::optional<int> LostFrame(const absl::Status& status);
 
 // The status inside a message: of a violation, of a failed job.

@@ -1,4 +1,4 @@
-// Sends a recording to a server, to the byte from where an earlier try stopped.
+// Sends a recording to a server, and resumes at the byte where an earlier try stopped.
 #ifndef DEPTHTWEEN_CLIENT_LIB_UPLOAD_H_
 #define DEPTHTWEEN_CLIENT_LIB_UPLOAD_H_
 
@@ -16,11 +16,11 @@ struct UploadProgress {
   int64_t bytes_total = 0;
 };
 
-// Makes the sequence on the server, sends what is missing, and commits. The sequence's fingerprint is the request id,
-// so that calling this again, in this process or a later one, goes on where the last call stopped, and sends nothing at
-// all when everything is there. `sequence` must be hashed. `on_progress` may be empty. Errors: those of the server,
-// which name the file; DataLoss when a file does not arrive as it was hashed, because it or the line changed;
-// Unavailable when the server stayed away for longer than the connection's patience.
+// Creates the sequence on the server, sends what is missing, and commits. The sequence's fingerprint is the request id,
+// so that a later call, from another process too, resumes where the last one stopped, and sends nothing when everything
+// is there. `sequence` must be hashed. `on_progress` may be empty. Errors: those of the server, which name the file;
+// DataLoss when a file does not arrive as it was hashed, because it changed or the connection damaged it; Unavailable
+// when the server was unreachable for longer than the connection's patience.
 absl::StatusOr<v1::Sequence> UploadSequence(Connection& connection, const LocalSequence& sequence,
                                             const std::function<void(const UploadProgress&)>& on_progress);
 

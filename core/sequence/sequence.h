@@ -41,7 +41,7 @@ Sequence KeepEveryNthDepth(const Sequence& sequence, int n);
 int NearestColorFrame(const Sequence& sequence, int64_t time_ns);
 
 // Everything wrong with a sequence that can be said without decoding a frame, one message each that names field or
-// file, value, rule and mend. Empty when valid.
+// file, value, rule and how to fix it. Empty when valid.
 std::vector<absl::Status> Violations(const Sequence& sequence);
 // The first violation, or OK.
 absl::Status Validate(const Sequence& sequence);

@@ -4,10 +4,12 @@
 #define DEPTHTWEEN_CORE_SESSION_PREVIEW_H_
 
 #include <cstdint>
+#include <stop_token>
 #include <string>
 #include <vector>
 
 #include "core/base/image.h"
+#include "core/session/finished_clip.h"
 
 namespace depthtween {
 
@@ -47,6 +49,15 @@ Image<Rgb8> DrawVideoFrame(const PreviewFrame& frame, const PreviewTimeline& tim
 
 // A still picture: a column for each of `frames` (>= 1, all of one size), rows colour, depth, uncertainty.
 Image<Rgb8> DrawContactSheet(const std::vector<PreviewFrame>& frames, const PreviewRange& range);
+
+// Writes the contact sheet of one interval of `clip` as a PNG: at most five of its frames, evenly spread from its key
+// to the next one. The interval has `frame` in it, 0 to clip.frame_count() - 1; -1: the one in the middle of the clip.
+// Returns what the picture shows, in words for people. Errors: what reading and writing files returns.
+absl::StatusOr<std::string> WritePreviewSheet(const FinishedClip& clip, int frame, const std::string& file);
+
+// Writes every frame as an MP4, 30 per second; returns likewise. Errors: likewise, and Cancelled when `stop` fires:
+// then there is no file. Memory: one frame at a time.
+absl::StatusOr<std::string> WritePreviewVideo(const FinishedClip& clip, const std::string& file, std::stop_token stop);
 
 // Errors of at least this show in full colour, metres.
 inline constexpr float kErrorShownM = 0.1F;

@@ -18,10 +18,12 @@
 #include <vector>
 
 #include "core/base/status.h"
+#include "core/io/sequence_folder.h"
 #include "core/render/comfort.h"
 #include "core/render/focus.h"
 #include "core/sequence/sequence.h"
 #include "core/session/render_options.h"
+#include "core/session/upsample_run.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {
@@ -126,6 +128,38 @@ class PictureVideos {
 // Makes the videos that `plan` names in `dir` from the pictures there.
 absl::Status AssembleVideos(const std::string& dir, const RenderOptions& options, const RenderPlan& plan,
                             const Sequence& sequence, std::stop_token stop);
+
+// Whether `dir` is a recording that has yet to be upsampled; else it is taken for a result.
+bool IsRecording(const std::string& dir);
+
+// A whole render in one process: what of, how, and where to.
+struct ClipRender {
+  std::string input;         // recording, or folder that upsample wrote
+  std::string sequence;      // the recording of a result; empty: where its report says it was
+  std::string out;           // video, if options.container; else a folder of images named as the colour frames
+  RenderOptions options;     // their path in messages is "options"
+  UpsampleOptions upsample;  // of a recording. `threads` serve the render too, and do not change the pictures
+  bool force = false;        // replaces what is at `out`
+  // Makes the self-check of a recording before it is upsampled, as AssembleResult takes it.
+  std::function<absl::StatusOr<nlohmann::json>(const SequenceFolder& recording)> self_check;
+  // Makes the observer of the upsampling, then that of the render, which is one interval.
+  std::function<std::unique_ptr<RunObserver>(const ClipPlan& plan)> observe;
+};
+
+struct ClipRendered {
+  std::vector<std::string> files;  // videos, one for each stream, named as players know their format by; or the folder
+  int frames = 0;
+  double seconds = 0.0;    // wall time
+  double video_fps = 0.0;  // of videos, as they are shown
+  std::string encoder;     // of videos
+  std::string report;      // Renderer::Report as text
+};
+
+// Finds what is wrong with the order before it computes anything. The result of a recording is temporary, beside `out`.
+// Errors: AlreadyExists when something is at `out` and `force` is not given; InvalidArgument with the field of
+// `options`; Cancelled when `stop` fires; what `self_check`, observers and files return. Threads: both callbacks come
+// from the calling thread.
+absl::StatusOr<ClipRendered> RenderClip(const ClipRender& order, std::stop_token stop);
 
 }  // namespace depthtween
 

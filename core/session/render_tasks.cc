@@ -39,19 +39,20 @@ absl::Status WasMade(const std::string& result, const Sequence& sequence, const 
   return left >= report.motion_frames ? absl::OkStatus() : LostError("motion", frame);
 }
 
+// Borrows its arguments.
+RenderInput GrowingResult(const ClipSource& source, const std::string& result, const ClipPlan& clip) {
+  return {&source, result, clip.constants,
+          [&](int frame, bool motion) { return WasMade(result, source.sequence(), clip, frame, motion); }};
+}
+
 absl::Status RenderOneFrame(const Task& task) {
   const TaskArguments& arguments = task.arguments;
   ASSIGN_OR_RETURN(const TaskInput input, OpenInput(arguments));
   ASSIGN_OR_RETURN(const ClipPlan clip, ReadClipPlan(arguments, input));
   ASSIGN_OR_RETURN(const RenderOptions options, ParseRender(input.render, "render"));
   const ClipSource source(*input.recording, clip.clock, input.options.key_every);
-  ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(options,
-                                                         {&source, arguments.result, clip.constants,
-                                                          [&](int frame, bool motion) {
-                                                            return WasMade(arguments.result, source.sequence(), clip,
-                                                                           frame, motion);
-                                                          }},
-                                                         "render"));
+  ASSIGN_OR_RETURN(const auto renderer,
+                   Renderer::Create(options, GrowingResult(source, arguments.result, clip), "render"));
   std::vector<Image<Rgb8>> rendered;
   const auto sink = [&](int, std::vector<Image<Rgb8>> pictures) {
     rendered = std::move(pictures);
@@ -75,17 +76,12 @@ absl::Status RenderTask(const Task& task) {
   if (options == input.renders.end())
     return absl::InvalidArgumentError(absl::StrCat("--render ", arguments.render, ": the options have no such render"));
   const std::string path = RenderPath(static_cast<size_t>(options - input.renders.begin()));
-  RETURN_IF_ERROR(CheckIntervals(clip, arguments.first, arguments.count));
+  RETURN_IF_ERROR(CheckIntervals(clip.intervals.size(), arguments.first, arguments.count));
   const ClipSource source(*input.recording, clip.clock, input.options.key_every);
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(*options, sequence, path));
-  ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(*options,
-                                                         {&source, arguments.result, clip.constants,
-                                                          [&](int frame, bool motion) {
-                                                            return WasMade(arguments.result, sequence, clip, frame,
-                                                                           motion);
-                                                          }},
-                                                         path));
+  ASSIGN_OR_RETURN(const auto renderer,
+                   Renderer::Create(*options, GrowingResult(source, arguments.result, clip), path));
   ASSIGN_OR_RETURN(const PictureFolders folders, PictureFolders::Create(arguments.out, *options, plan));
   // Where the pieces beside this one left the focus, if they are there.
   const auto read_part = [&](int interval) -> std::optional<RenderPart> {

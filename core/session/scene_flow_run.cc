@@ -14,6 +14,7 @@
 #include "core/io/npz.h"
 #include "core/io/png.h"
 #include "core/sequence/clock.h"
+#include "core/session/clear_output.h"
 #include "core/session/scene_flow_files.h"
 #include "core/session/scene_flow_picture.h"
 
@@ -206,6 +207,26 @@ absl::StatusOr<json> FinishSceneFlow(const SceneFlowOrder& order, const std::str
   RETURN_IF_ERROR(WriteFileDurably(JoinPath(dir, "report.json"),
                                    report.dump(1, ' ', false, json::error_handler_t::replace) + "\n"));
   return report;
+}
+
+absl::StatusOr<json> ComputeSceneFlow(const SequenceFolder& recording, const SceneFlowOrder& order,
+                                      const std::string& out, bool force, std::stop_token stop,
+                                      const std::function<void(int, int)>& on_pair) {
+  ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(recording.sequence(), order.every));
+  RETURN_IF_ERROR(
+      ClearResult(out, force, {"report.json", "preview.png", "sceneflow", "flow", "depth_change", "kitti"}));
+  RETURN_IF_ERROR(MakeSceneFlowFolders(out, order.formats));
+  const int count = static_cast<int>(pairs.size());
+  const std::vector<int> to_picture = PairsToPicture(count);
+  std::vector<PairSummary> summaries;
+  std::vector<PicturedPair> pictured;
+  for (int i = 0; i < count; ++i) {
+    on_pair(i, count);
+    ASSIGN_OR_RETURN(ComputedPair computed, ComputePair(recording, pairs[i], order, stop, out));
+    summaries.push_back(std::move(computed.summary));
+    if (std::binary_search(to_picture.begin(), to_picture.end(), i)) pictured.push_back(std::move(computed.picture));
+  }
+  return FinishSceneFlow(order, out, summaries, pictured);
 }
 
 }  // namespace depthtween

@@ -4,6 +4,7 @@
 #ifndef DEPTHTWEEN_CORE_SESSION_SCENE_FLOW_RUN_H_
 #define DEPTHTWEEN_CORE_SESSION_SCENE_FLOW_RUN_H_
 
+#include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 #include <string>
@@ -63,6 +64,13 @@ absl::StatusOr<PicturedPair> ReadPicture(const SequenceFolder& recording, const 
 absl::StatusOr<nlohmann::json> FinishSceneFlow(const SceneFlowOrder& order, const std::string& dir,
                                                const std::vector<PairSummary>& pairs,
                                                const std::vector<PicturedPair>& pictured);
+
+// All of these steps at once: writes the scene flow of `recording` into the folder `out`, which ClearResult makes
+// ready, and returns the report. `on_pair` is called before each pair, from the calling thread. Errors: those of the
+// steps and of ClearResult. Cancelled when `stop` fires.
+absl::StatusOr<nlohmann::json> ComputeSceneFlow(const SequenceFolder& recording, const SceneFlowOrder& order,
+                                                const std::string& out, bool force, std::stop_token stop,
+                                                const std::function<void(int done, int total)>& on_pair);
 
 }  // namespace depthtween
 

@@ -51,11 +51,7 @@ class TaskObserver : public RunObserver {
 absl::Status PairsTask(const Task& task, const TaskInput& input) {
   const TaskArguments& arguments = task.arguments;
   ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(input.recording->sequence(), input.scene_flow->every));
-  const int pair_count = static_cast<int>(pairs.size());
-  if (arguments.first < 0 || arguments.count < 1 || arguments.first > pair_count - arguments.count)
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%d intervals from interval %d on are not there: this clip has intervals 0 to %d",
-                        arguments.count, arguments.first, pair_count - 1));
+  RETURN_IF_ERROR(CheckIntervals(pairs.size(), arguments.first, arguments.count));
   RETURN_IF_ERROR(MakeSceneFlowFolders(arguments.out, input.scene_flow->formats));
   for (int i = arguments.first; i < arguments.first + arguments.count; ++i) {
     task.progress({{"stage", "scene flow"}, {"interval", i}});
@@ -179,7 +175,7 @@ absl::Status AssembleTask(const Task& task) {
   ASSIGN_OR_RETURN(json renders, AssembleRenders(task, input, plan));
   const ClipSource source(*input.recording, plan.clock, input.options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, source.sequence()));
-  // Where a server keeps the recording is nobody's business, and of no use to whoever fetches the result.
+  // The path of the recording on the server is private, and of no use to those who fetch the result.
   return AssembleResult(input.options, /*sequence_dir=*/"", source.sequence(), plan, reports, std::move(renders),
                         std::move(self_check), writer,
                         {.stop = task.stop, .on_scene_flow = [&](int done, int total) {

@@ -105,12 +105,11 @@ absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& re
   });
 }
 
-absl::Status CheckIntervals(const ClipPlan& plan, int first, int count) {
-  const int interval_count = static_cast<int>(plan.intervals.size());
-  if (first >= 0 && count >= 1 && first < interval_count && count <= interval_count - first) return absl::OkStatus();
-  return absl::InvalidArgumentError(
-      absl::StrFormat("%d intervals from interval %d on are not there: this clip has intervals 0 to %d", count, first,
-                      interval_count - 1));
+absl::Status CheckIntervals(size_t interval_count, int first, int count) {
+  const int last = static_cast<int>(interval_count) - 1;
+  if (first >= 0 && count >= 1 && first <= last && count <= last - first + 1) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "%d intervals from interval %d on are not there: this clip has intervals 0 to %d", count, first, last));
 }
 
 json ToJson(const IntervalReport& report) {
@@ -137,7 +136,7 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
                                                          const ClipPlan& plan, int first, int count,
                                                          const UpsampleOptions& options, std::stop_token stop,
                                                          const ResultWriter& writer, RunObserver& observer) {
-  RETURN_IF_ERROR(CheckIntervals(plan, first, count));
+  RETURN_IF_ERROR(CheckIntervals(plan.intervals.size(), first, count));
   std::vector<IntervalReport> reports;
   for (int i = first; i < first + count; ++i) {
     const auto start = Clock::now();

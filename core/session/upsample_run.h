@@ -47,8 +47,8 @@ nlohmann::json ToJson(const ClipConstants& constants);
 // Throws nlohmann::json::exception for JSON that ToJson did not make.
 ClipConstants ConstantsFromJson(const nlohmann::json& constants);
 
-// InvalidArgument unless the clip has intervals [first, first + count), at least one.
-absl::Status CheckIntervals(const ClipPlan& plan, int first, int count);
+// InvalidArgument unless a clip of `interval_count` intervals has [first, first + count), at least one.
+absl::Status CheckIntervals(size_t interval_count, int first, int count);
 
 // What became of one interval.
 struct IntervalReport {

@@ -6,8 +6,12 @@
 #define DEPTHTWEEN_CORE_TOOLS_COMMANDS_H_
 
 #include <CLI/CLI.hpp>
+#include <nlohmann/json_fwd.hpp>
+#include <stop_token>
 
 #include "core/base/status.h"
+#include "core/io/sequence_folder.h"
+#include "core/options/upsample_options.h"
 
 namespace depthtween::tools {
 
@@ -17,6 +21,14 @@ inline constexpr int kExitUsage = 2;   // the command line is wrong; nothing was
 
 // Prints a failure to stderr, for a person to read. Returns the exit code that `status` means.
 int ReportStatus(const absl::Status& status);
+
+// The flag --threads.
+void AddThreads(CLI::App& command, int& threads, const char* help = "Threads to use; the result does not depend on it");
+
+// CheckSelf if `options.self_check`, for a person at a terminal: counts maps on stderr and prints the table to stdout.
+// Returns what AssembleResult takes: null if nobody asked.
+absl::StatusOr<nlohmann::json> CheckSelfAloud(const SequenceFolder& recording, const UpsampleOptions& options,
+                                              std::stop_token stop);
 
 void AddSynthCommand(CLI::App& app, int* exit_code);
 void AddUpsampleCommand(CLI::App& app, int* exit_code);

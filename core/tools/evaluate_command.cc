@@ -68,10 +68,7 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
   command->add_option("--worst", arguments->worst_frames, "Also list the N frames of largest RMSE")
       ->type_name("N")
       ->check(CLI::NonNegativeNumber);
-  command->add_option("--threads", options.threads, "Threads; the numbers do not depend on it")
-      ->type_name("N")
-      ->check(CLI::Range(1, 1024))
-      ->capture_default_str();
+  AddThreads(*command, options.threads, "Threads; the numbers do not depend on it");
   command->callback([arguments, exit_code] { *exit_code = ReportStatus(RunEvaluate(*arguments)); });
 }
 

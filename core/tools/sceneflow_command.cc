@@ -1,21 +1,15 @@
 // depthtween-core sceneflow: metric 3-D motion of every pixel, from a recording with depth for every colour frame.
-#include <algorithm>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <vector>
 
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/parallel.h"
 #include "core/flags/option_flags.h"
 #include "core/io/file.h"
 #include "core/io/sequence_folder.h"
 #include "core/options/scene_flow_options.h"
-#include "core/options/upsample_options.h"
-#include "core/session/clear_output.h"
-#include "core/session/scene_flow_files.h"
 #include "core/session/scene_flow_run.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
@@ -36,30 +30,19 @@ absl::Status RunSceneFlow(const SceneFlowArguments& arguments) {
   ASSIGN_OR_RETURN(SceneFlowOrder order, ParseSceneFlowOrder(arguments.document));
   order.threads = arguments.threads;
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
-  ASSIGN_OR_RETURN(const std::vector<FramePair> pairs, PlanPairs(folder->sequence(), order.every));
-  RETURN_IF_ERROR(ClearResult(arguments.out, arguments.force,
-                              {"report.json", "preview.png", "sceneflow", "flow", "depth_change", "kitti"}));
-  RETURN_IF_ERROR(MakeSceneFlowFolders(arguments.out, order.formats));
-  const int count = static_cast<int>(pairs.size());
-  const std::vector<int> to_picture = PairsToPicture(count);
-  std::vector<PairSummary> summaries;
-  std::vector<PicturedPair> pictured;
+  nlohmann::json report;
   {
     CountLine counter("computed", "pairs of frames");
-    for (int i = 0; i < count; ++i) {
-      counter.Show(i, count);
-      ASSIGN_OR_RETURN(ComputedPair computed, ComputePair(*folder, pairs[i], order, signals.token(), arguments.out));
-      summaries.push_back(std::move(computed.summary));
-      if (std::binary_search(to_picture.begin(), to_picture.end(), i)) pictured.push_back(std::move(computed.picture));
-    }
+    ASSIGN_OR_RETURN(report, ComputeSceneFlow(*folder, order, arguments.out, arguments.force, signals.token(),
+                                              [&](int done, int total) { counter.Show(done, total); }));
   }
-  ASSIGN_OR_RETURN(const nlohmann::json report, FinishSceneFlow(order, arguments.out, summaries, pictured));
   if (arguments.json) {
     std::cout << report.dump(2) << std::endl;
     return absl::OkStatus();
   }
   double seconds = 0.0;
-  for (const PairSummary& summary : summaries) seconds += summary.seconds;
+  for (const nlohmann::json& pair : report["pairs"]) seconds += pair["seconds"].get<double>();
+  const int count = static_cast<int>(report["pairs"].size());
   std::cout << absl::StrFormat("%d pairs of frames in %.1f s (%.2f s each): %s, picture: %s\n", count, seconds,
                                seconds / count, arguments.out, JoinPath(arguments.out, "preview.png"));
   return absl::OkStatus();
@@ -91,10 +74,7 @@ void AddSceneFlowCommand(CLI::App& app, int* exit_code) {
       "Example:  depthtween-core sceneflow recording -o motion --format flo,kitti --json\n");
   command->add_option("sequence", arguments->sequence, "Sequence folder to read")->required()->type_name("SEQ");
   command->add_option("-o,--out", arguments->out, "Folder to write the result to")->required()->type_name("OUT");
-  command->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
-      ->capture_default_str()
-      ->check(CLI::Range(1, kMaxThreads))
-      ->type_name("N");
+  AddThreads(*command, arguments->threads);
   command->add_flag("--json", arguments->json, "Print the report instead of a sentence");
   command->add_flag("--force", arguments->force, "Replace an earlier result in OUT");
   AddOptionFlags(*command, SceneFlowOptionSpecs(), arguments->document);

@@ -38,7 +38,7 @@ void StopOnSignals::Watch() {
     int signal = 0;
     sigwait(&signals, &signal);
     if (closing_) return;
-    if (!stop_.request_stop()) {  // the second signal: whoever sent it will not wait
+    if (!stop_.request_stop()) {  // the second signal: end at once
       ::signal(signal, SIG_DFL);
       pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
       raise(signal);

@@ -27,26 +27,25 @@ absl::Status Sync(const SyncArguments& arguments) {
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
   SynchroniseOptions options = arguments.options;
   options.stop = signals.token();
-  absl::StatusOr<ClockEstimate> estimate;
+  ClockEstimate estimate;
   {
     CountLine counter("clock: took", "looks at frames");
     options.on_progress = [&](int done, int total) { counter.Show(done, total); };
-    estimate = EstimateClock(*folder, options);
+    ASSIGN_OR_RETURN(estimate, EstimateClock(*folder, options));
   }
-  RETURN_IF_ERROR(estimate.status());
-  const std::string json = ToJson(*estimate).dump(2) + "\n";
+  const std::string json = ToJson(estimate).dump(2) + "\n";
   if (!arguments.out.empty()) RETURN_IF_ERROR(WriteFile(arguments.out, json));
   if (arguments.json) {
     std::cout << json << std::flush;
     return absl::OkStatus();
   }
-  std::cout << Summary(*estimate) << "\n";
-  if (!estimate->reason.empty()) return absl::OkStatus();
+  std::cout << Summary(estimate) << "\n";
+  if (!estimate.reason.empty()) return absl::OkStatus();
   std::cout << absl::StrFormat(
       "corrected stamps are right to +-%.2f ms; rows of colour come %.1f us after one another (+-%.1f us)\n",
-      1e-6 * estimate->stamp_sigma_ns, 1e-3 * estimate->row_time_ns, 1e-3 * estimate->row_time_sigma_ns);
-  std::cout << absl::StrFormat("to use it: --clock estimate, or --clock=%.3f,%.1f\n", 1e-6 * estimate->model.offset_ns,
-                               estimate->model.drift_ppm);
+      1e-6 * estimate.stamp_sigma_ns, 1e-3 * estimate.row_time_ns, 1e-3 * estimate.row_time_sigma_ns);
+  std::cout << absl::StrFormat("to use it: --clock estimate, or --clock=%.3f,%.1f\n", 1e-6 * estimate.model.offset_ns,
+                               estimate.model.drift_ppm);
   return absl::OkStatus();
 }
 
@@ -69,10 +68,7 @@ void AddSyncCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str()
       ->check(CLI::Range(kMinSynchroniseKeys, 1000000))
       ->type_name("N");
-  command->add_option("--threads", arguments->options.threads, "Threads to use; the result does not depend on it")
-      ->capture_default_str()
-      ->check(CLI::Range(1, kMaxThreads))
-      ->type_name("N");
+  AddThreads(*command, arguments->options.threads);
   command->callback([=] { *exit_code = ReportStatus(Sync(*arguments)); });
 }
 

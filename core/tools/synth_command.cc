@@ -1,7 +1,4 @@
 // depthtween-core synth: a recording of a rendered scene, with all truth.
-#include <unistd.h>
-
-#include <chrono>
 #include <iostream>
 #include <memory>
 #include <string>
@@ -13,6 +10,7 @@
 #include "core/synthetic/synthetic_sequence.h"
 #include "core/tools/commands.h"
 #include "core/tools/picture_size.h"
+#include "core/tools/progress_bar.h"
 #include "core/tools/signals.h"
 
 namespace depthtween::tools {
@@ -24,27 +22,6 @@ struct SynthArguments {
   double depth_phase_ms = 0.0, time_offset_ms = 0.0;
   int threads = AvailableThreads();
   bool no_truth = false, force = false;
-};
-
-// One line on stderr: redrawn on a terminal, now and then elsewhere.
-class RenderCounter {
- public:
-  void Show(int done, int total) {
-    const auto now = std::chrono::steady_clock::now();
-    if (now - shown_ < (terminal_ ? std::chrono::milliseconds(100) : std::chrono::milliseconds(5000))) return;
-    shown_ = now;
-    std::cerr << (terminal_ ? "\r" : "") << absl::StrFormat("rendered %d of %d frames", done, total)
-              << (terminal_ ? "" : "\n") << std::flush;
-    drawn_ = true;
-  }
-  ~RenderCounter() {
-    if (terminal_ && drawn_) std::cerr << "\r\x1b[K" << std::flush;
-  }
-
- private:
-  const bool terminal_ = isatty(STDERR_FILENO) != 0;
-  bool drawn_ = false;
-  std::chrono::steady_clock::time_point shown_ = std::chrono::steady_clock::now();
 };
 
 // The options as the library takes them. Everything wrong with them is said here, before anything is touched.
@@ -66,7 +43,7 @@ absl::Status Synth(const SynthArguments& arguments, const SyntheticOptions& opti
 
   int frames = 0;
   {
-    RenderCounter counter;
+    CountLine counter("rendered", "frames");
     RETURN_IF_ERROR(WriteSyntheticSequence(options, arguments.out,
                                            {.truth = !arguments.no_truth,
                                             .threads = arguments.threads,
@@ -135,10 +112,7 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
                    "Microseconds a second that the depth camera's clock gains")
       ->capture_default_str()
       ->type_name("PPM");
-  command->add_option("--threads", arguments->threads, "Threads to use; the files do not depend on it")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 1024))
-      ->type_name("N");
+  AddThreads(*command, arguments->threads, "Threads to use; the files do not depend on it");
   command->add_flag("--no-truth", arguments->no_truth, "Only what the cameras record: no gt/, no depth_clean/");
   command->add_flag("--force", arguments->force, "Replace the recording in SEQ");
   command->callback([=] {

@@ -11,7 +11,6 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "core/options/upsample_options.h"
 #include "core/session/tasks.h"
 #include "core/tools/commands.h"
 #include "core/tools/freed_memory.h"
@@ -72,19 +71,13 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
     step->callback([=] { *exit_code = RunTask(*arguments, *progress_fd, run); });
     return step;
   };
-  const auto add_threads = [&](CLI::App* step) {
-    step->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
-        ->capture_default_str()
-        ->check(CLI::Range(1, kMaxThreads))
-        ->type_name("N");
-  };
   const auto add_options = [&](CLI::App* step) {
     step->add_option("--options", arguments->options,
                      "JSON file: {\"upsample\": {...}, \"renders\": [...]}, or {\"scene_flow\": {...}}")
         ->required()
         ->type_name("FILE");
     step->add_flag("--keep-motion", arguments->keep_motion, "Keep the motion between frames too, for renders");
-    add_threads(step);
+    AddThreads(*step, arguments->threads);
   };
   const auto add_constants = [&](CLI::App* step, const char* what) {
     step->add_option("--constants", arguments->constants, what)->required()->type_name("FILE");
@@ -95,7 +88,7 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
 
   CLI::App* const validate =
       add("validate", "Decode every frame and print what is wrong, as JSON (exit code 0)", PrintValidation);
-  add_threads(validate);
+  AddThreads(*validate, arguments->threads);
 
   CLI::App* const prepare = add("prepare", "Decide what is decided once per clip", PrepareTask);
   add_options(prepare);

@@ -45,6 +45,13 @@ int ReportStatus(const absl::Status& status) {
   return kExitFailed;
 }
 
+void AddThreads(CLI::App& command, int& threads, const char* help) {
+  command.add_option("--threads", threads, help)
+      ->capture_default_str()
+      ->check(CLI::Range(1, kMaxThreads))
+      ->type_name("N");
+}
+
 int RunProgram(int argc, const char* const* argv, const char* name, const char* description,
                const std::function<void(CLI::App& app, int* exit_code)>& add) {
   // First of all, so that an older processor gets a sentence instead of an illegal instruction. fputs: no iostream code

@@ -9,14 +9,13 @@
 #include "core/api/make_upsampler.h"
 #include "core/base/parallel.h"
 #include "core/flags/option_flags.h"
-#include "core/io/file.h"
 #include "core/io/sequence_folder.h"
 #include "core/options/upsample_options.h"
 #include "core/session/clear_output.h"
+#include "core/session/self_check.h"
 #include "core/session/upsample_run.h"
 #include "core/tools/commands.h"
 #include "core/tools/progress_bar.h"
-#include "core/tools/self_check_aloud.h"
 #include "core/tools/signals.h"
 
 namespace depthtween::tools {
@@ -88,6 +87,19 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
 
 }  // namespace
 
+absl::StatusOr<nlohmann::json> CheckSelfAloud(const SequenceFolder& recording, const UpsampleOptions& options,
+                                              std::stop_token stop) {
+  if (!options.self_check) return nlohmann::json();
+  SelfCheck check;
+  {
+    CountLine counter("checked", "held-out depth maps");
+    ASSIGN_OR_RETURN(
+        check, CheckSelf(recording, options, std::move(stop), [&](int done, int total) { counter.Show(done, total); }));
+  }
+  std::cout << FormatTable(check) << std::endl;
+  return ToJson(check);
+}
+
 void AddUpsampleCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<UpsampleArguments>();
   CLI::App* const command = app.add_subcommand("upsample", "Compute depth for every colour frame of a recording");
@@ -103,10 +115,7 @@ void AddUpsampleCommand(CLI::App& app, int* exit_code) {
       "Example:  depthtween-core upsample recording -o result --key-every 4    (then evaluate against the rest)\n");
   command->add_option("sequence", arguments->sequence, "Sequence folder to read")->required()->type_name("SEQ");
   command->add_option("-o,--out", arguments->out, "Folder to write the result to")->required()->type_name("OUT");
-  command->add_option("--threads", arguments->threads, "Threads to use; the result does not depend on it")
-      ->capture_default_str()
-      ->check(CLI::Range(1, kMaxThreads))
-      ->type_name("N");
+  AddThreads(*command, arguments->threads);
   command->add_flag(
       "--keep-motion", arguments->keep_motion,
       "Keep the motion between frames too (motion/*.npz): `render` then looks behind edges in other frames");

@@ -28,10 +28,10 @@ absl::Status DeleteWithFiles(std::string_view name, const std::function<absl::St
   absl::Status forgotten = forget();
   if (!IsDiskFull(forgotten)) {
     RETURN_IF_ERROR(std::move(forgotten));
-    return WithContext(remove(), absl::StrCat(named, " is deleted, but its files stay until the server starts anew"));
+    return WithContext(remove(), absl::StrCat(named, " is deleted, but its files stay until the server restarts"));
   }
   RETURN_IF_ERROR(remove());
-  // Their room comes free in the background.
+  // Their disk space is freed in the background.
   for (int i = 0; i < kRoomTries && IsDiskFull(forgotten); ++i) {
     absl::SleepFor(kRoomGap);
     forgotten = forget();

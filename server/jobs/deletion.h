@@ -9,9 +9,9 @@
 
 namespace depthtween::server {
 
-// Deletes the record of `name` by `forget`, then its files by `remove`: a crash in between leaves files that nobody
-// names, which the next start removes. A full disk has no room to write even that down: then the files go first, and
-// the record is tried again for a few seconds. Errors: of both, and what is left then.
+// Deletes the record of `name` by `forget`, then its files by `remove`. A crash in between leaves files without a
+// record, which the next start removes. If the disk is too full to delete the record, deletes the files first, then
+// retries the record for a few seconds. Errors: those of both; the message says what is left.
 absl::Status DeleteWithFiles(std::string_view name, const std::function<absl::Status()>& forget,
                              const std::function<absl::Status()>& remove);
 

@@ -16,7 +16,7 @@ namespace {
 
 constexpr int64_t kMaxAnswerBytes = 256 << 20;  // a PNG of 64 megapixels
 
-// A field is named from the root of what the child was given; the client gave it inside of something.
+// The child names a field from the root of its own options; the client sent them inside a larger message.
 absl::Status WithPrefix(const absl::Status& status, const std::string& prefix) {
   const std::optional<ErrorInfo> info = GetErrorInfo(status);
   if (!info || info->reason != "BAD_FIELD" || prefix.empty()) return status;
@@ -87,8 +87,8 @@ absl::StatusOr<std::unique_ptr<Errand>> Errands::Start(const ErrandOrder& order,
     if (stopping_) return ServerStopping();
     std::erase_if(waiting_, [](const auto& other) { return other->stop.stop_requested(); });
     if (static_cast<int>(waiting_.size()) >= options_.max_waiting) {
-      return ServerBusy(absl::StrFormat("%d calls wait for a process of their own, the server takes no more at a time",
-                                        waiting_.size()));
+      return ServerBusy(
+          absl::StrFormat("%d calls wait for a child process, which is the limit; try again later", waiting_.size()));
     }
     waiting_.push_back(state);
   }
@@ -112,7 +112,7 @@ void Errands::Work(const std::stop_token& stop) {
       state = std::move(waiting_.front());
       waiting_.pop_front();
     }
-    if (state->stop.stop_requested()) continue;  // nobody waits for it any more
+    if (state->stop.stop_requested()) continue;  // no longer wanted
     const std::stop_callback server_stops(stop, [&state] { state->stop.request_stop(); });
     absl::StatusOr<std::string> answer = RunOne(state->order, state->stop.get_token());
     if (absl::IsCancelled(answer.status()) && stop.stop_requested()) answer = ServerStopping();
@@ -122,7 +122,7 @@ void Errands::Work(const std::stop_token& stop) {
 }
 
 absl::StatusOr<std::string> Errands::RunOne(const ErrandOrder& order, const std::stop_token& stop) {
-  // A name of its own in this process; what a killed one left was discarded when this one started.
+  // Unique in this process. What a killed server left was discarded when this one started.
   static std::atomic<int64_t> started{0};
   const std::string folder = absl::StrCat(directory_.TasksFolder(), "/errand-", ++started);
   RETURN_IF_ERROR(MakeFolder(folder));
@@ -151,14 +151,14 @@ absl::StatusOr<std::string> Errands::RunOne(const ErrandOrder& order, const std:
   if (!child.ok()) return WithContext(child.status(), "start of depthtween-core");
   if (child->timed_out) {
     return absl::DeadlineExceededError(
-        absl::StrCat("it took longer than ", absl::FormatDuration(options_.time_limit), ", which the server allows"));
+        absl::StrCat("it took longer than the ", absl::FormatDuration(options_.time_limit), " that the server allows"));
   }
   if (child->stopped) return absl::CancelledError("it was stopped");
   if (said) return WithPrefix(*said, order.field_prefix);
   if (child->exit_code != 0) {
     return absl::InternalError(
         absl::StrCat("task ", order.arguments.front(), ": ", child->Describe(),
-                     "; its last words: ", absl::StripAsciiWhitespace(absl::string_view(child->error_output))));
+                     "; its last output: ", absl::StripAsciiWhitespace(absl::string_view(child->error_output))));
   }
   return ReadWholeFile(folder + "/answer", kMaxAnswerBytes);
 }

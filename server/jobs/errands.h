@@ -1,5 +1,5 @@
-// Short tasks that somebody waits for, each a child process with little time: planning an order, rendering a single
-// frame. A few run at a time, beside the workers, and a bounded number waits.
+// Short tasks that a caller waits for: planning a job, rendering a single frame. Each is a child process with little
+// time. A few run at a time, beside the workers, and a bounded number waits.
 #ifndef DEPTHTWEEN_SERVER_JOBS_ERRANDS_H_
 #define DEPTHTWEEN_SERVER_JOBS_ERRANDS_H_
 
@@ -39,14 +39,14 @@ struct ErrandOrder {
   std::string job_id, sequence_id;  // whose files it reads
 };
 
-// One errand on its way. Destroying it stops it.
+// One errand in progress. Destroying it stops it.
 class Errand {
  public:
   ~Errand();
   Errand(const Errand&) = delete;
   Errand& operator=(const Errand&) = delete;
 
-  // The bytes that the child left as its answer, or why there are none; nullopt while it runs or waits. Given out once.
+  // The child's answer, or why there is none; nullopt while it runs or waits. Returned once.
   std::optional<absl::StatusOr<std::string>> TakeAnswer();
 
  private:
@@ -64,7 +64,7 @@ class Errands {
   // As Stop, and waits until nothing runs any more.
   ~Errands();
 
-  // Ends what runs and what waits, and refuses what is ordered later: all are answered Unavailable (SERVER_STOPPING).
+  // Stops what runs and what waits, and refuses what comes later: all are answered Unavailable (SERVER_STOPPING).
   // Returns at once.
   void Stop();
   // ResourceExhausted (SERVER_BUSY) when too many wait. `on_done` may be empty.

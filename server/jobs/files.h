@@ -16,11 +16,11 @@ absl::StatusOr<std::string> ReadWholeFile(const std::string& path, int64_t max_b
 absl::Status WriteScratchFile(const std::string& path, std::string_view bytes);
 // Creates the folder and those above it that are missing.
 absl::Status MakeFolder(const std::string& path);
-// The names in a folder become durable; so they must be after a rename into it.
+// Makes the names in a folder durable, as needed after a rename into it.
 absl::Status SyncFolder(const std::string& path);
 // Moves a regular file, replacing what is there. NotFound if there is none, or if it is something else, such as a link.
 absl::Status MoveFile(const std::string& from, const std::string& to);
-// Gives a file that will never change a second name; one that is there already stays. NotFound if there is none.
+// Gives a file that never changes a second name; one that is there already stays. NotFound if there is no such file.
 absl::Status LinkFile(const std::string& from, const std::string& to);
 
 }  // namespace depthtween::server

@@ -31,10 +31,10 @@ namespace fs = std::filesystem;
 
 // Stages change many times a second; watchers get to see a few of them.
 constexpr absl::Duration kStageGap = absl::Milliseconds(200);
-// How long a worker waits before it asks a store again that has just failed, for instance for want of room.
+// How long a worker waits before it asks a store again that has just failed, for instance because the disk is full.
 constexpr std::chrono::seconds kStoreRetryGap{1};
-// Planning reads lists and no frame: milliseconds. Whoever orders waits for it on a thread that answers calls, of which
-// it must leave enough.
+// Planning reads lists and no frames, which takes milliseconds. It blocks a thread that answers calls, so only a few
+// may wait for it.
 constexpr absl::Duration kPlanTime = absl::Seconds(20);
 constexpr int kMaxPlansWaiting = 3;
 
@@ -128,14 +128,14 @@ class Manager : public JobManager {
   void OnStage(const std::string& job_id, std::string_view stage);
   absl::Status OnInterval(const Task& task, const PlannedInterval& interval, double seconds);
 
-  // The job with what its renders will be; as it came where there is no sequence to plan it for. FailedPrecondition
+  // The job with its renders planned; unchanged where there is no sequence to plan it for. FailedPrecondition
   // (NO_SCENE_FLOW) when it asks for scene flow that the sequence cannot give.
   absl::StatusOr<NewJob> Plan(const NewJob& order);
 
   // With changes_ held.
   JobView View(JobRecord record) const;
   absl::StatusOr<JobView> Publish(std::string_view job_id, JobEvent::Kind kind);
-  // Those who wait have moved up.
+  // Waiting jobs have moved up.
   void PublishQueue();
   void StopTasksOf(std::string_view job_id);
 
@@ -163,12 +163,12 @@ absl::Status Manager::CleanUpAndStart() {
   if (access(options_.core_program.c_str(), X_OK) != 0) {
     return ErrnoStatus(errno, "run the program " + options_.core_program);
   }
-  // Children of a server that was killed: first they end, then their work is given back, then their scratch goes.
+  // After a killed server: end its children, give their work back, then remove their scratch folders.
   const std::vector<std::string> tasks = FoldersIn(directory_.TasksFolder());
   for (const std::string& task : tasks) KillLeftChild(directory_.TasksFolder() + "/" + task);
   RETURN_IF_ERROR(store_.ReleaseAllTasks());
   for (const std::string& task : tasks) RETURN_IF_ERROR(directory_.Discard(directory_.TasksFolder() + "/" + task));
-  // A server that died between deleting a row and its folder left a folder that nobody names.
+  // A server that died between deleting a row and its folder left a folder without a row.
   for (const std::string& id : FoldersIn(directory_.JobsFolder())) {
     if (absl::IsNotFound(store_.GetJob(id).status())) RETURN_IF_ERROR(directory_.Discard(directory_.JobFolder(id)));
   }
@@ -330,7 +330,7 @@ absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(std::string_view id
   }
   if (const absl::Status sequence = store_.GetSequence(job.sequence_id).status(); !sequence.ok()) {
     return WithErrorInfo(
-        absl::FailedPreconditionError(absl::StrCat("the colours of the frames are gone: ", sequence.message())),
+        absl::FailedPreconditionError(absl::StrCat("the colour frames are gone: ", sequence.message())),
         {.reason = "SEQUENCE_GONE", .metadata = {{"resource", "sequences/" + job.sequence_id}}});
   }
   return errands_.Start(
@@ -441,7 +441,7 @@ absl::Status Manager::OnInterval(const Task& task, const PlannedInterval& interv
     hub_.Publish(JobEvent::Kind::kFramesReady, View(std::move(record)), interval.first_frame, interval.frame_count,
                  render);
   }
-  // What was computed may be rendered now.
+  // What was computed can be rendered now.
   if (task.kind == TaskKind::kIntervals) Wake();
   return absl::OkStatus();
 }
@@ -469,8 +469,7 @@ absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome
 void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop) {
   std::unique_lock lock(changes_);
   absl::Status recorded = RecordOutcome(task, outcome);
-  // A store that cannot write now, for want of room, may later. When the server stops first, the next start gives the
-  // task back.
+  // A full disk may have room later. If the server stops first, the next start gives the task back.
   while (!recorded.ok() && !absl::IsFailedPrecondition(recorded) && !stop.stop_requested()) {
     LogError("cannot record the end of a task", {{"task", absl::StrCat(task.number)}, {"error", Words(recorded)}});
     work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
@@ -478,11 +477,11 @@ void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::st
   }
   if (!recorded.ok() || task.job_id.empty()) return;
   const absl::StatusOr<JobRecord> job = store_.GetJob(task.job_id);
-  // What a task that runs alone said last is over with it, and what any said when there is only to assemble.
+  // The stage ends with a task that runs alone, and with the last one before assembling.
   const bool over =
       task.kind == TaskKind::kSelfCheck || task.kind == TaskKind::kPrepare || (job.ok() && job->IsComputed());
   if (const auto live = live_.find(task.job_id); over && live != live_.end()) live->second.stage.clear();
-  // A job that still runs has its self-check now, or its plan, or one task less. What was measured is for watchers too.
+  // A job that still runs has its self-check now, or its plan, or one task less. Watchers get measurements too.
   const bool measured = task.kind == TaskKind::kSelfCheck ||
                         (task.kind == TaskKind::kPrepare && job.ok() && job->clock_estimate.has_value());
   const bool progressed = job.ok() && job->state == JobState::kRunning && !measured;

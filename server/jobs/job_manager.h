@@ -1,12 +1,11 @@
-// Runs jobs: claims tasks from the store, runs each in a child process, records what is finished, and tells who
-// watches.
+// Runs jobs: claims tasks from the store, runs each in a child process, records what is finished, and tells watchers.
 //
-// Life of a job: self-check, if it was asked for -> prepare (how the clip is cut, and its constants) -> batches of
-// intervals on all workers, computed, and rendered as soon as the frames around them are there -> assemble. An
-// interval's frames are moved into the job's out folder, made durable and recorded, in this order, as soon as it is
-// done: after kill -9 nothing recorded is computed again, and nothing half-written is ever seen.
-// What somebody waits for - the check of a job's renders, a single rendered frame - runs beside the workers.
-// Each attempt at a task writes to a folder of its own, so a child that lives too long harms nothing.
+// Life of a job: self-check, if asked for -> prepare (how the clip is cut, and its constants) -> batches of intervals
+// on all workers, computed, and rendered as soon as the frames around them are there -> assemble. A finished interval's
+// frames are moved into the job's out folder, made durable and recorded, in this order: after kill -9 nothing recorded
+// is computed again, and nothing half-written is ever seen. Work that a caller waits for (planning a job, rendering one
+// frame) runs beside the workers. Each attempt at a task writes to a folder of its own, so a child that lives too long
+// does no harm.
 #ifndef DEPTHTWEEN_SERVER_JOBS_JOB_MANAGER_H_
 #define DEPTHTWEEN_SERVER_JOBS_JOB_MANAGER_H_
 
@@ -49,8 +48,8 @@ struct ValidationProgress {
   int of = 0;
 };
 
-// What a job has to offer. kDepth, kUncertainty, kProvenance, kSceneFlow and kPictures are made of frames; the others
-// are one file each, there once the job has succeeded.
+// The kinds of outputs. kDepth, kUncertainty, kProvenance, kSceneFlow and kPictures are made of frames; the others are
+// one file each, there once the job has succeeded.
 enum class OutputKind {
   kDepth,
   kUncertainty,
@@ -72,8 +71,7 @@ struct OutputSpec {
   int render = -1;                // of kPictures and kVideo: into JobRecord::renders
   bool assembled = false;         // of frames: made at the end, for the frames that have it; else with their interval
 };
-// Of a job that upsamples: what each has, then what its options and its renders add. Of one that computes scene flow:
-// its formats.
+// Of an upsampling: the outputs that each has, then those of its options and its renders. Of a scene flow: its formats.
 std::vector<OutputSpec> OutputsOf(const JobRecord& job);
 
 // One picture to be rendered now.
@@ -119,15 +117,15 @@ class JobManager {
   // The file of an output that is one file; it may be read once the job has succeeded.
   virtual std::string OutputFile(std::string_view id, const OutputSpec& output) const = 0;
 
-  // Begins to render one frame of a job from what is finished; `on_done` is called from another thread when the answer
-  // is there, unless the errand was destroyed. FailedPrecondition when the frame is not finished, or the sequence with
-  // its colours is gone; OutOfRange when there is no such frame; ResourceExhausted (SERVER_BUSY) when too many wait.
+  // Starts to render one frame of a job from what is finished. Calls `on_done` from another thread when the answer is
+  // there, unless the errand was destroyed. FailedPrecondition when the frame is not finished, or the sequence with its
+  // colour frames is gone; OutOfRange when there is no such frame; ResourceExhausted (SERVER_BUSY) when too many wait.
   // The answer: the bytes of the picture, or InvalidArgument with a field of `render`, DeadlineExceeded...
   virtual absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(std::string_view id, const FrameRenderOrder& order,
                                                               std::function<void()> on_done) = 0;
 
-  // Before the calls of a server are ended: orders that are being planned and frames that are being rendered are
-  // answered Unavailable (SERVER_STOPPING), at once, and so are later ones.
+  // To be called before the server's calls are ended. Answers calls that wait for planning or rendering, and later
+  // ones, Unavailable (SERVER_STOPPING), at once.
   virtual void StopErrands() = 0;
 
   virtual ValidationProgress GetValidationProgress(std::string_view sequence_id) = 0;

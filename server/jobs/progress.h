@@ -33,8 +33,8 @@ struct Progress {
   int rendered_frames_done = 0;  // of all renders together
   int rendered_frames_total = 0;
   double fraction = 0.0;  // of all frames, rendered ones too; 1 only when the job has succeeded
-  // While running, once an interval has been measured, and a rendered frame if there are any; not of what assembling
-  // takes, which nothing has measured.
+  // While running, once an interval has been measured, and a rendered frame if there are any. Without assembling, which
+  // has not been measured.
   std::optional<Eta> eta;
   std::optional<int> queue_position;
 };

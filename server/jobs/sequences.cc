@@ -24,7 +24,7 @@ UploadWriter::UploadWriter(Sequences& sequences, UploadRecord upload, std::vecto
       turn_(std::move(turn)),
       turn_number_(turn_number),
       written_(upload_.committed_size) {
-  // The file in which the upload stands. One that ends just here is complete.
+  // The file at the upload's position. One that ends just there is complete.
   while (file_ < files_.size() && written_ >= file_start_ + files_[file_].size_bytes &&
          (files_[file_].size_bytes > 0 || written_ > file_start_)) {
     file_start_ += files_[file_].size_bytes;
@@ -46,7 +46,7 @@ absl::Status UploadWriter::Write(int64_t offset, std::string_view bytes, uint32_
   const auto committed = std::pair("committed_size", absl::StrCat(written_));
   if (offset != written_) {
     return WithErrorInfo(absl::OutOfRangeError(absl::StrFormat(
-                             "write_offset = %d, but the upload stands at %d; go on from there", offset, written_)),
+                             "write_offset = %d, but the upload is at %d; continue from there", offset, written_)),
                          {.reason = "OFFSET_MISMATCH", .metadata = {committed}});
   }
   if (static_cast<int64_t>(bytes.size()) > sequences_.limits_.max_chunk_bytes) {
@@ -67,7 +67,7 @@ absl::Status UploadWriter::Write(int64_t offset, std::string_view bytes, uint32_
                          {.reason = "CHECKSUM_MISMATCH", .metadata = {committed}});
   }
   if (const absl::Status status = WriteToFiles(bytes); !status.ok()) {
-    // What arrived whole stays: it is what the client need not send again. If even that fails, committed_size says so.
+    // Keeps what arrived whole, so that the client need not resend it. If that fails too, committed_size says so.
     Flush().IgnoreError();
     return status;
   }
@@ -76,7 +76,7 @@ absl::Status UploadWriter::Write(int64_t offset, std::string_view bytes, uint32_
 
 absl::Status UploadWriter::WriteToFiles(std::string_view bytes) {
   while (true) {
-    // Files without bytes come into being on the way.
+    // Creates empty files on the way.
     while (file_ < files_.size() && written_ == file_start_ + files_[file_].size_bytes) RETURN_IF_ERROR(CompleteFile());
     if (bytes.empty()) return absl::OkStatus();
     const UploadFile& file = files_[file_];
@@ -113,7 +113,7 @@ absl::Status UploadWriter::CompleteFile() {
     written_ = file_start_;
     return WithErrorInfo(
         absl::DataLossError(
-            absl::StrCat(file.path, ": its bytes do not have the announced sha256; send the file again")),
+            absl::StrCat(file.path, ": its bytes do not match the announced sha256; send the file again")),
         {.reason = "CHECKSUM_MISMATCH", .metadata = {{"path", file.path}, {"committed_size", absl::StrCat(written_)}}});
   }
   hash_.reset();
@@ -182,7 +182,7 @@ absl::StatusOr<UploadRecord> Sequences::GetUpload(std::string_view sequence_id, 
 
 absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(std::string_view sequence_id,
                                                                     std::string_view upload_id) {
-  // Asked before the turn exists, so that unknown ids leave nothing behind.
+  // Checked before the turn exists, so that unknown ids leave nothing behind.
   RETURN_IF_ERROR(store_.GetUpload(sequence_id, upload_id).status());
   std::shared_ptr<UploadWriter::Turn> turn;
   {
@@ -192,8 +192,8 @@ absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(std::string_
     turn = known.lock();
     if (!turn) known = turn = std::make_shared<UploadWriter::Turn>();
   }
-  // With the turn's mutex held the earlier writer is between two writes, and its last ones may still be undurable: they
-  // are written again, from the size that the store knows.
+  // While the turn's mutex is held, the earlier writer is between two writes, and its last ones may not be durable yet:
+  // they are written again, from the size that the store knows.
   const std::lock_guard lock(turn->mutex);
   ASSIGN_OR_RETURN(UploadRecord upload, store_.GetUpload(sequence_id, upload_id));
   if (upload.finished) return WrongState("FINISHED", "the upload is finished and takes no more bytes");

@@ -65,11 +65,11 @@ bool IsPlainName(const std::string& name) {
          name.find('\0') == std::string::npos;
 }
 
-constexpr size_t kMaxText = 2000;  // of what is written for people
+constexpr size_t kMaxText = 2000;  // of text for people
 
 absl::StatusOr<JobPlan> CheckPlan(JobPlan plan) {
   if (plan.clock_estimate && plan.clock_estimate->reason.size() > kMaxText) {
-    return Disagreement("a clock with too much to say");
+    return Disagreement("a clock with too long a reason");
   }
   if (plan.intervals.empty()) return Disagreement("a plan without intervals");
   int next_frame = 0;
@@ -85,9 +85,9 @@ absl::StatusOr<JobPlan> CheckPlan(JobPlan plan) {
   std::set<std::string_view> stems;
   for (size_t i = 0; i < plan.frames.size(); ++i) {
     const PlannedFrame& frame = plan.frames[i];
-    if (frame.index != static_cast<int>(i)) return Disagreement(absl::StrCat("frame ", i, " is not numbered so"));
+    if (frame.index != static_cast<int>(i)) return Disagreement(absl::StrCat("frame ", i, " has another index"));
     if (!IsPlainName(frame.stem) || !stems.insert(frame.stem).second) {
-      return Disagreement(absl::StrCat("frame ", i, " has no name of its own"));
+      return Disagreement(absl::StrCat("frame ", i, " has no unique plain name"));
     }
   }
   return plan;
@@ -197,7 +197,7 @@ absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view text
     for (const std::vector<std::string>* files : {&render.streams, &render.videos}) {
       for (const std::string& file : *files) plain = plain && IsPlainName(file) && outputs.insert(file).second;
     }
-    if (!plain) return Disagreement(absl::StrCat("render ", i, " has no outputs of its own"));
+    if (!plain) return Disagreement(absl::StrCat("render ", i, " has no unique outputs"));
   }
   return renders;
 }
@@ -229,7 +229,7 @@ absl::StatusOr<SelfCheck> ReadSelfCheck(std::string_view text) {
             is_share(method.within_one_sigma.value_or(0.0));
   }
   for (const SelfCheck::Frame& frame : check->worst_frames) plain = plain && IsPlainName(frame.stem);
-  if (!plain) return Disagreement("a self-check that cannot be");
+  if (!plain) return Disagreement("a self-check with impossible numbers");
   return *check;
 }
 

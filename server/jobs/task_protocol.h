@@ -1,4 +1,4 @@
-// What `depthtween-core task` is told and what it says: command lines out, JSON in. Nothing a child says is trusted.
+// How the server talks to `depthtween-core task`: command lines out, JSON in. Nothing a child says is trusted.
 #ifndef DEPTHTWEEN_SERVER_JOBS_TASK_PROTOCOL_H_
 #define DEPTHTWEEN_SERVER_JOBS_TASK_PROTOCOL_H_
 
@@ -33,7 +33,7 @@ std::string OrderJson(JobKind kind, const std::string& options, const std::vecto
 // The same for `render-frame`, with the options of its one render.
 std::string FrameRenderJson(const std::string& options, const std::string& render, bool jpeg);
 
-// One line of progress. At most one of the members is set; none for a line that says nothing we know.
+// One line of progress. At most one of the members is set; none if the line says nothing known.
 struct ProgressLine {
   struct IntervalDone {
     int interval = 0;
@@ -47,7 +47,7 @@ struct ProgressLine {
   std::optional<IntervalDone> interval_done;
   std::optional<Checked> checked;
   std::optional<absl::Status> error;  // never OK; BAD_FIELD if it names a field
-  // With `error`: what the child was to read and is gone.
+  // With `error`: the file that the child needs and that is gone.
   struct Lost {
     std::string what;  // "depth", "motion" or "color"
     int frame = 0;
@@ -56,22 +56,22 @@ struct ProgressLine {
 };
 ProgressLine ParseProgressLine(std::string_view line);
 
-// FILE_LOST, as clients are to hear of it.
+// The error FILE_LOST, for clients.
 absl::Status LostStatus(const ProgressLine::Lost& lost, std::string_view job_id, std::string_view sequence_id);
 
-// How many frames of an interval have motion, as `intervals` left it beside them. Internal if it is not what we agreed
-// on.
+// How many frames of an interval have motion, from the report that `intervals` left beside them. Internal if it is
+// malformed.
 absl::StatusOr<int> ParseMotionFrames(std::string_view json);
 
-// What `validate` printed. Internal if it is not what we agreed on.
+// What `validate` printed. Internal if it is malformed.
 absl::StatusOr<ValidationResult> ParseValidation(std::string_view json);
-// What `prepare` wrote. Internal if it is not what we agreed on: intervals and frames must be numbered from 0, every
-// frame in exactly one interval, stems plain file names and different.
+// What `prepare` wrote. Internal if it is malformed: intervals and frames must be numbered from 0, every frame in
+// exactly one interval, stems plain file names and different.
 absl::StatusOr<JobPlan> ParsePlan(std::string_view json);
-// What `self-check` wrote. Internal if it is not what we agreed on: few methods and frames, shares between 0 and 1.
+// What `self-check` wrote. Internal if it is malformed: few methods and frames, shares between 0 and 1.
 absl::StatusOr<SelfCheck> ReadSelfCheck(std::string_view json);
-// What `plan` answered about renders with these options. Internal if it is not what we agreed on: as many
-// plans, names and outputs plain and different.
+// What `plan` answered about renders with these options. Internal if it is malformed: as many plans, names and outputs
+// plain and different.
 absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view json, std::vector<RenderRecord> renders);
 
 }  // namespace depthtween::server

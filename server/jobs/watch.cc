@@ -11,7 +11,7 @@
 
 namespace depthtween::server {
 
-// What reaches a watcher from the hub. Held by both, so that neither has to outlive the other's calls.
+// What the hub and a watcher share. Both hold it, so that neither has to outlive the calls of the other.
 struct JobWatch::Bell {
   std::mutex mutex;
   std::function<void()> on_news;  // guarded by mutex, which is held while it is called; empty once the watcher is gone

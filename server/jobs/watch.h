@@ -1,8 +1,8 @@
-// Who watches a job hears of every change: a snapshot first, then numbered deltas.
+// Tells watchers of a job every change: a snapshot first, then numbered deltas.
 //
-// A watcher pulls: it is told that there is news, and asks for it when it can. So a slow watcher slows nobody, holds no
-// worker and no transaction, and costs a bounded amount of memory: one that falls more than kEventsKept behind gets a
-// new snapshot instead of the deltas it missed.
+// A watcher pulls: the hub tells it that there is news, and it asks for the news when it can. So a slow watcher slows
+// nobody, holds no worker and no transaction, and costs a bounded amount of memory: one that falls more than
+// kEventsKept behind gets a new snapshot instead of the deltas it missed.
 #ifndef DEPTHTWEEN_SERVER_JOBS_WATCH_H_
 #define DEPTHTWEEN_SERVER_JOBS_WATCH_H_
 
@@ -82,14 +82,14 @@ class WatchHub {
   // A change of the job. Calls about one job must be made in the order of the changes.
   void Publish(JobEvent::Kind kind, const JobView& job, int first_frame = 0, int frame_count = 0,
                std::string_view render = {});
-  // Ids of the jobs that somebody watches.
+  // Ids of the jobs that have watchers.
   std::vector<std::string> WatchedJobs();
   // The job is gone: its watchers are told, its events forgotten.
   void Forget(std::string_view job_id);
 
  private:
   friend class JobWatch;
-  // The events of one job. Kept until the job has ended and nobody watches it.
+  // The events of one job. Kept until the job has ended and has no watchers.
   struct Topic {
     int64_t generation = 0;  // tells it from an earlier topic of the same job
     JobView latest;

@@ -87,7 +87,7 @@ absl::Status CallRuntime::Admit() {
   ++calls_;  // refused ones too: they are in flight until they are answered
   if (stopping_) return ServerStopping();
   if (calls_ > max_calls_) {
-    return ServerBusy(absl::StrFormat("%d calls are being answered, the server takes no more at a time", max_calls_));
+    return ServerBusy(absl::StrFormat("%d calls are being answered, which is the limit; try again later", max_calls_));
   }
   return absl::OkStatus();
 }

@@ -25,7 +25,7 @@ class CallbackServerContext;
 
 namespace depthtween::server {
 
-// A call that lasts, and that has to end early when the server stops.
+// A long call, which must end early when the server stops.
 class Stoppable {
  public:
   virtual ~Stoppable() = default;
@@ -36,7 +36,7 @@ class Stoppable {
 class CallRuntime {
  public:
   // Threads: enough that a few slow disk reads do not keep short calls waiting; they sleep otherwise.
-  // Calls in flight beyond `max_calls` are answered ServerBusy(). Borrows `directory`, whose place no answer names.
+  // Calls in flight beyond `max_calls` are answered ServerBusy(). Borrows `directory`, whose path no answer names.
   CallRuntime(const DataDirectory& directory, int threads, int max_calls);
   // Waits until every call has been answered and forgotten.
   ~CallRuntime();
@@ -46,7 +46,7 @@ class CallRuntime {
   grpc::ServerUnaryReactor* Unary(grpc::CallbackServerContext* context, std::string_view method,
                                   std::string_view subject, std::function<absl::Status()> work);
 
-  // Calls that last are told when the server stops, for as long as they live.
+  // Registers a long call, which is told when the server stops.
   void Register(const std::shared_ptr<Stoppable>& stream);
   // From now on calls are answered ServerStopping(), and registered ones end.
   void Stop();
@@ -80,7 +80,7 @@ class Call {
   CallRuntime& runtime() { return runtime_; }
   // Why the call must be refused, or OK.
   const absl::Status& admission() const { return admission_; }
-  // For calls that name their resource only later.
+  // For calls that learn later which resource they are about.
   void SetSubject(std::string_view subject) { names_.subject = std::string(subject); }
   // What to finish the call with: the status without the server's paths, which its log keeps. Call it once.
   grpc::Status Answer(const absl::Status& status) const;

@@ -30,8 +30,8 @@ absl::StatusOr<OutputSpec> FindOutput(const JobRecord& job, std::string_view out
 // ---- lists ----
 
 inline constexpr size_t kMaxPageBytes = 3 << 20;  // clients take 4 MiB by default
-// Fills `response` by `fill`, which adds the items of a page and its next_page_token; with fewer items than asked for,
-// as every list may give, when they would be more than a client takes. One item goes whatever its size.
+// Fills `response` by `fill`, which adds the items of a page and its next_page_token. Asks for fewer items when the
+// page would be more than a client takes, at least for one, whatever its size.
 template <typename Response>
 absl::Status FillPage(PageRequest page, Response* response,
                       const std::function<absl::Status(const PageRequest& page)>& fill) {
@@ -47,7 +47,7 @@ absl::Status FillPage(PageRequest page, Response* response,
 // `options`, at `field` of the request, as the JSON document that depthtween-core reads. InvalidArgument (BAD_FIELD) if
 // it is too large to keep.
 absl::StatusOr<std::string> OptionsDocument(const std::string& field, const google::protobuf::Message& options);
-// What CreateJob is asked for.
+// The job that CreateJob asks for.
 absl::StatusOr<NewJob> Decode(const v1::Job& job);
 
 google::protobuf::Timestamp Encode(absl::Time time);

@@ -15,7 +15,7 @@ class FrameChunks {
   void Load(int frame, v1::FrameHeader header, std::string bytes, int next_frame);
   // Nothing is left to send.
   bool empty() const { return sent_ == bytes_.size(); }
-  // Lets go of the memory of the frame that has left.
+  // Frees the memory of the frame that was sent.
   void Clear();
   // The next chunk. Not when empty().
   void Fill(v1::FrameChunk& chunk);

@@ -39,7 +39,7 @@ absl::StatusOr<std::string> Metres(const std::string& png, OutputKind kind, doub
   ASSIGN_OR_RETURN(const Image<uint16_t> units, DecodePng16(png));
   if (kind == OutputKind::kDepth) return PixelBytes(DequantiseDepth(units, units_per_metre));
   Image<float> sigma_m = DequantiseSigma(units, units_per_metre);
-  // On the wire an unknown uncertainty is infinite, so that whoever weighs by 1/sigma needs no special case.
+  // On the wire an unknown uncertainty is infinite, so that weights of 1/sigma need no special case.
   for (size_t i = 0; i < units.pixel_count(); ++i) {
     if (units.data()[i] == kUnknownSigmaUnits) sigma_m.data()[i] = std::numeric_limits<float>::infinity();
   }
@@ -108,9 +108,9 @@ absl::StatusOr<std::string> EncodeFrame(std::string stored, const OutputSpec& ou
 }
 
 int64_t FrameMemoryBytes(const OutputSpec& output, int64_t pixels) {
-  // The largest moment of depth is the decoding of floats: the file (at most 2 bytes a pixel), the integers (2), the
-  // metres as an image and as bytes (4 each). Of pictures, which may hold two eyes: PNG, pixels and JPEG. Of scene flow
-  // the file alone, at most its arrays.
+  // Depth takes most while floats are decoded: the file (at most 2 bytes a pixel), the integers (2), the metres as an
+  // image and as bytes (4 each). Pictures, which may hold two eyes: PNG, pixels and JPEG. Scene flow: the file alone,
+  // at most its arrays.
   switch (output.kind) {
     case OutputKind::kPictures:
       return pixels * 2 * 12;

@@ -12,7 +12,7 @@
 
 namespace depthtween::server {
 
-// What StreamFrames can be asked for, first as it is stored; empty for an output that is not made of frames.
+// The encodings that StreamFrames offers, first as it is stored; empty for an output that is not made of frames.
 std::vector<v1::Encoding> EncodingsOf(const OutputSpec& output);
 
 // The stored value that means unknown.

@@ -19,7 +19,7 @@ absl::StatusOr<FrameRenderStream::Next> FrameRenderStream::Produce() {
   if (!answered_) {
     std::optional<absl::StatusOr<std::string>> answer = errand_->TakeAnswer();
     if (!answer) return Next::kWait;
-    // What is deleted meanwhile says so itself; a file that is gone otherwise is damage.
+    // If the job was deleted meanwhile, say so; otherwise a missing file is data loss.
     if (absl::IsDataLoss(answer->status())) RETURN_IF_ERROR(jobs_.Get(job_id_).status());
     ASSIGN_OR_RETURN(std::string bytes, *std::move(answer));
     answered_ = true;

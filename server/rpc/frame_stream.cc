@@ -78,7 +78,8 @@ absl::Status FrameStream::Open() {
   }
   const Camera& camera = job_.recording.camera;
   const int64_t bytes = FrameMemoryBytes(output, int64_t{camera.width} * camera.height);
-  if (!memory_.Take(bytes)) return ServerBusy("the streams of frames that are open leave no memory for another");
+  if (!memory_.Take(bytes))
+    return ServerBusy("the open streams of frames leave no memory for another; try again later");
   memory_taken_ = bytes;
   if (request_.follow()) {
     ASSIGN_OR_RETURN(watch_, jobs_.Watch(job_id_, /*resume_token=*/"", Waker()));
@@ -132,12 +133,12 @@ absl::StatusOr<FrameStream::Next> FrameStream::EndOrWait() const {
 }
 
 absl::Status FrameStream::Load(const FrameRecord& frame) {
-  chunks_.Clear();  // the frame before has left; there is memory for one
+  chunks_.Clear();  // the frame before was sent; there is memory for one
   absl::StatusOr<std::string> stored = ReadFile(jobs_.FrameFile(job_id_, *output_, frame.stem));
   if (absl::IsNotFound(stored.status())) {
-    // A job that is being deleted says so itself; a file that is gone otherwise is damage.
+    // If the job was deleted meanwhile, say so; otherwise a missing file is data loss.
     RETURN_IF_ERROR(jobs_.Get(job_id_).status());
-    // Not every frame has what is made at the end. Of jobs from before that was recorded nobody can tell.
+    // Not every frame has what is made at the end. Older jobs did not record which frames do.
     const bool has_none = output_->assembled && !frame.assembled.value_or(false);
     if (!has_none) return FileLost(request_.name(), frame.index);
     stored = std::string();

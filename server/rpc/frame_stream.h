@@ -18,7 +18,7 @@
 
 namespace depthtween::server {
 
-// What the buffers of all streams of frames may take together.
+// The memory that the buffers of all streams of frames may take together.
 class FrameMemory {
  public:
   explicit FrameMemory(int64_t limit_bytes) : limit_bytes_(limit_bytes) {}
@@ -43,7 +43,7 @@ class FrameStream : public ServerStream<v1::FrameChunk> {
 
   // Checks the request and learns about the job.
   absl::Status Open();
-  // Hears what has become of the job; only when following.
+  // Reads the job's events; only when following.
   absl::Status CatchUp();
   // The next frame wanted if it can be read now. nullopt if there is none (yet).
   absl::StatusOr<std::optional<FrameRecord>> NextReady();

@@ -36,7 +36,7 @@ class JobWatchStream : public ServerStream<v1::JobEvent> {
     if (ended_) return Next::kEnd;
     std::optional<JobEvent> event = watch_->Next();
     if (!event && !said_anything_) {
-      // Resumed with nothing missed. If the job has ended nothing will ever follow: say how it stands, and end.
+      // Resumed with nothing missed. If the job has ended, nothing will follow: send its state, and end.
       ASSIGN_OR_RETURN(const JobView job, jobs_.Get(id_));
       if (HasEnded(job.record.state)) {
         ASSIGN_OR_RETURN(watch_, jobs_.Watch(id_, /*resume_token=*/"", Waker()));

@@ -63,7 +63,7 @@ bool IsLoopback(const std::string& host) {
   return inet_pton(AF_INET6, host.c_str(), &v6) == 1 && IN6_IS_ADDR_LOOPBACK(&v6);
 }
 
-// gRPC's own complaints go where ours go, in the same form.
+// Writes gRPC's own messages to our log, in the same form.
 void LogFromGrpc(gpr_log_func_args* arguments) {
   const LogLevel level = arguments->severity == GPR_LOG_SEVERITY_ERROR  ? LogLevel::kWarning
                          : arguments->severity == GPR_LOG_SEVERITY_INFO ? LogLevel::kInfo
@@ -91,9 +91,9 @@ absl::Status RpcServerOptions::Validate() const {
   ASSIGN_OR_RETURN(const Address address, ParseAddress(listen));
   if (!IsLoopback(address.host) && !insecure_listen_anywhere) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "listen = \"%s\" is reachable from other machines, and this server has neither TLS nor tokens: whoever reaches "
-        "it may read and delete everything. Listen on 127.0.0.1 or [::1], or say --insecure-listen-anywhere if the "
-        "network itself keeps others out",
+        "listen = \"%s\" is reachable from other machines, and this server has neither TLS nor authentication: anyone "
+        "who can reach it can read and delete everything. Listen on 127.0.0.1 or [::1], or use "
+        "--insecure-listen-anywhere if the network itself keeps others out",
         listen));
   }
   return absl::OkStatus();
@@ -131,19 +131,19 @@ absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptio
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);  // no bound: idle streams are pinged too
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kClientPingEveryMs);
-  // With the default, two servers share a port in silence and each gets some of the calls.
+  // By default two servers silently share a port, and each gets some of the calls.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   // Only reflection is synchronous; it needs no more.
   builder.SetSyncServerOption(grpc::ServerBuilder::NUM_CQS, 1);
   builder.SetSyncServerOption(grpc::ServerBuilder::MAX_POLLERS, 2);
   result->server_ = builder.BuildAndStart();
   if (result->server_ == nullptr) {
-    // gRPC tells why to its log alone.
+    // gRPC says why only in its log.
     const bool socket = options.listen.rfind("unix:", 0) == 0;
-    return absl::FailedPreconditionError(
-        absl::StrFormat("cannot listen on %s: is another server running there? %s", options.listen,
-                        socket ? "Else the folder of the socket is missing, or not ours to write"
-                               : "Else HOST is no address of this machine (--listen HOST:0 takes any free port)"));
+    return absl::FailedPreconditionError(absl::StrFormat(
+        "cannot listen on %s: is another server running there? %s", options.listen,
+        socket ? "If not, the folder of the socket is missing or not writable"
+               : "If not, HOST is not an address of this machine (--listen HOST:0 takes any free port)"));
   }
   for (const char* service : kServiceNames) health.Set(service, true);
   health.Set("", true);

@@ -27,8 +27,8 @@ class CallRuntime;
 
 struct RpcServerOptions {
   std::string listen = "127.0.0.1:50051";  // port 0: any free one
-  // Without it only loopback addresses and unix: sockets are accepted: whoever reaches the port may do everything,
-  // since there is no TLS and there are no tokens.
+  // Without it the server listens only on loopback addresses and unix: sockets. There is no TLS and no authentication:
+  // anyone who can reach the port can do everything.
   bool insecure_listen_anywhere = false;
   int call_threads = 8;  // that answer calls; a call that waits holds none
   int max_calls = 1000;  // in flight, streams included
@@ -44,18 +44,18 @@ struct RpcServerOptions {
 class RpcServer {
  public:
   // Binds the port and starts to serve. Borrows all but the options and the limits; they must outlive it.
-  // InvalidArgument for options; FailedPrecondition if the address cannot be had.
+  // InvalidArgument for options; FailedPrecondition if the address cannot be bound.
   static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const RpcServerOptions& options, const Limits& limits,
                                                           const DataDirectory& directory, Sequences& sequences,
                                                           JobManager& jobs, Health& health);
-  // As Stop with no patience, if that was not called.
+  // Stops without patience, unless Stop was called.
   ~RpcServer();
   RpcServer(const RpcServer&) = delete;
   RpcServer& operator=(const RpcServer&) = delete;
 
   // The bound port; 0 for a unix: socket.
   int port() const { return port_; }
-  // A client's way in without a network.
+  // A channel to this server that needs no network.
   std::shared_ptr<grpc::Channel> InProcessChannel();
 
   // Health says NOT_SERVING, new calls are refused, streams end with UNAVAILABLE and a RetryInfo, short calls finish.

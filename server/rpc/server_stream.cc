@@ -22,7 +22,7 @@ void StreamDriver::Wake() {
   {
     const std::lock_guard lock(mutex_);
     woken_ = true;
-    if (state_ != State::kIdle) return;  // it will be asked anyway
+    if (state_ != State::kIdle) return;  // Produce() will be called anyway
     state_ = State::kScheduled;
   }
   Schedule();

@@ -1,8 +1,8 @@
-// A stream from the server, as something that is pulled: Produce() is asked for one message at a time, and only when
-// the message before it has left. So a slow reader slows only itself, and costs one message of memory and no thread.
+// A stream from the server that is pulled: Produce() makes one message at a time, and only when the message before it
+// was sent. So a slow reader slows only itself, and costs one message of memory and no thread.
 //
-// Whatever happens - a message has left, there is news, a time has come, the client is gone, the server stops - only
-// wakes the stream; Produce() runs on the executor and never concurrently with itself.
+// Every event (a message was sent, there is news, a timer fired, the client is gone, the server stops) only wakes the
+// stream; Produce() runs on the executor and never concurrently with itself.
 #ifndef DEPTHTWEEN_SERVER_RPC_SERVER_STREAM_H_
 #define DEPTHTWEEN_SERVER_RPC_SERVER_STREAM_H_
 
@@ -29,7 +29,7 @@ class StreamDriver : public Stoppable, public std::enable_shared_from_this<Strea
  public:
   ~StreamDriver() override;
 
-  // Begins. From then on the stream owns itself until gRPC is done with it.
+  // Starts. From then on the stream owns itself until gRPC is done with it.
   void Start();
   // There may be something to do: Produce() will be called (again). From any thread; returns at once.
   void Wake();
@@ -47,7 +47,7 @@ class StreamDriver : public Stoppable, public std::enable_shared_from_this<Strea
 
   // An error ends the stream with it.
   virtual absl::StatusOr<Next> Produce() = 0;
-  // Called once, after the last Produce and before the end: give up what could still call Wake().
+  // Called once, after the last Produce and before the end: release what could still call Wake().
   virtual void Release() {}
   virtual void StartSending() = 0;
   virtual void FinishCall(const grpc::Status& status) = 0;

@@ -12,7 +12,7 @@ namespace depthtween::server {
 namespace {
 
 // At any time either gRPC holds the stream (a read is under way) or the executor does (a message is being written), or
-// it is ending; whoever holds it decides who is next.
+// it is ending. The holder decides who is next.
 class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
                      public Stoppable,
                      public std::enable_shared_from_this<UploadStream> {
@@ -36,7 +36,7 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
       if (holder_ == Holder::kEnd) return;
       holder_ = Holder::kExecutor;
     }
-    // Not ok: the client has sent all it will, or is gone. What came counts either way.
+    // Not ok: the client has finished or is gone. What arrived is kept either way.
     call_.runtime().executor().Post([stream = shared_from_this(), ok] { ok ? stream->Take() : stream->End({}); });
   }
 
@@ -46,7 +46,7 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
     {
       const std::lock_guard lock(mutex_);
       stopping_ = true;
-      if (holder_ != Holder::kGrpc) return;  // whoever has it sees stopping_
+      if (holder_ != Holder::kGrpc) return;  // the holder sees stopping_
     }
     EndSoon(ServerStopping());
   }
@@ -109,7 +109,7 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
     return absl::OkStatus();
   }
 
-  // On the executor: keeps what came, and answers.
+  // On the executor: keeps what arrived, and answers.
   void End(absl::Status status) {
     {
       const std::lock_guard lock(mutex_);

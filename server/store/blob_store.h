@@ -18,9 +18,8 @@ class BlobStore {
  public:
   virtual ~BlobStore() = default;
 
-  // Writes `bytes` at `offset` and lets the file end there: whatever an earlier, uncommitted attempt left beyond is
-  // gone. The file and its folders come into being with offset 0. On an error the file's content from `offset` on is
-  // undefined.
+  // Writes `bytes` at `offset` and cuts the file off after them, which drops what an earlier, uncommitted attempt left
+  // there. Offset 0 creates the file and its folders. After an error the content from `offset` on is undefined.
   virtual absl::Status Write(std::string_view sequence_id, std::string_view path, int64_t offset,
                              std::string_view bytes) = 0;
   // Returns when everything written so far, in all files, is durable.

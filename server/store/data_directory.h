@@ -43,8 +43,8 @@ class DataDirectory {
   std::string OutFolder(std::string_view job_id) const { return JobFolder(job_id) + "/out"; }
   std::string TaskFolder(int64_t number) const { return Join("/tasks/", std::to_string(number)); }
 
-  // The status as somebody elsewhere may read it: paths in this folder begin at it, "jobs/7/out/report.json", and the
-  // folder itself is "the data folder".
+  // The status for readers outside: paths in this folder are relative to it, "jobs/7/out/report.json", and the folder
+  // itself is "the data folder".
   absl::Status WithoutPath(const absl::Status& status) const;
 
   // The folder is gone when this returns (renamed into trash/); its space is freed in the background. A folder that

@@ -13,7 +13,7 @@ constexpr char kPayloadType[] = "depthtween/error-info";
 
 absl::Status WithErrorInfo(absl::Status status, const ErrorInfo& info) {
   const nlohmann::json json = {{"reason", info.reason}, {"metadata", info.metadata}};
-  // A path in the metadata may hold any bytes: what is not UTF-8 is replaced rather than thrown about.
+  // A path in the metadata may hold any bytes: what is not UTF-8 is replaced, where dump() would throw.
   status.SetPayload(kPayloadType, absl::Cord(json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)));
   return status;
 }
@@ -52,7 +52,7 @@ absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_
 
 absl::Status ServerStopping() {
   return WithErrorInfo(
-      absl::UnavailableError("the server is stopping; what is finished is kept, try again when it is back"),
+      absl::UnavailableError("the server is stopping; finished work is kept, try again when it is back"),
       {.reason = "SERVER_STOPPING"});
 }
 
@@ -68,7 +68,7 @@ absl::Status Lost(std::string_view resource, int frame, const std::string& what)
   return WithErrorInfo(
       absl::DataLossError(absl::StrCat(what,
                                        " was made, but its file is lost from the server's disk; delete the job and "
-                                       "create it again to have it made anew")),
+                                       "create it again")),
       info);
 }
 

@@ -54,11 +54,11 @@ absl::Status WrongState(std::string_view state, std::string_view message);
 absl::Status LimitExceeded(std::string_view limit, int64_t maximum, std::string_view message);
 absl::Status DiskFull(std::string_view message);
 absl::Status ServerStopping();
-// The client may try again soon.
+// The client may retry soon.
 absl::Status ServerBusy(std::string_view why);
-// Of an output that was made; `frame` < 0: it is one file.
+// A file of an output is lost; `frame` < 0: the output is one file.
 absl::Status FileLost(std::string_view output, int frame = -1);
-// Of what a job keeps of its frames beside its outputs: `what` is "motion".
+// A file that a job keeps beside its outputs is lost: `what` is "motion".
 absl::Status FileOfJobLost(std::string_view job, std::string_view what, int frame);
 
 }  // namespace depthtween::server

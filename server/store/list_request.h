@@ -1,4 +1,4 @@
-// What a list is asked for: the small languages inside the strings of a request.
+// What a list request asks for: the small languages inside its strings.
 //
 // Errors are InvalidArgument (BAD_FIELD) that name the field of the request.
 #ifndef DEPTHTWEEN_SERVER_STORE_LIST_REQUEST_H_

@@ -110,7 +110,7 @@ struct NewJob {
   std::string display_name;
   std::string sequence_id;
   JobKind kind = JobKind::kUpsample;
-  std::string options = "{}";  // JSON document: what core/options/job_options.h makes of it, nothing here reads
+  std::string options = "{}";  // JSON document, read by core/options/job_options.h alone
   int threads = 0;             // of each child; 0: the server decides. The bits do not depend on it.
   // Of an upsampling alone.
   std::vector<RenderRecord> renders;
@@ -182,7 +182,7 @@ struct FrameRecord {
   int64_t time_ns = 0;
   std::string stem;
   bool ready = false;  // its interval is done, or that part of its render: its files are durable and may be read
-  // Whether it has a file of what `assemble` makes for each frame that has it to give; none: nobody knows (yet).
+  // Whether it has a file of the output that `assemble` makes; nullopt: not known (yet).
   std::optional<bool> assembled;
 };
 

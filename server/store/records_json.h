@@ -12,7 +12,7 @@ namespace depthtween::server {
 
 std::string ToJson(const Recording& recording);
 std::string ToJson(const ValidationResult& result);
-// Without what is done: that is counted elsewhere.
+// Without progress, which is counted elsewhere.
 std::string ToJson(const RenderRecord& render);
 std::string ToJson(const ErrorInfo& info);
 

@@ -100,7 +100,7 @@ absl::Status Database::Migrate(const std::vector<std::string>& steps) {
 }
 
 void Database::RollBack() {
-  // SQLite has rolled back by itself after some errors, such as a full disk; asking again would be an error.
+  // SQLite has rolled back by itself after some errors, such as a full disk; a second rollback would be an error.
   if (sqlite3_get_autocommit(connection_.get()) == 0) Run("ROLLBACK").IgnoreError();
 }
 

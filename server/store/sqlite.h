@@ -71,8 +71,8 @@ class Database {
   absl::StatusOr<std::optional<int64_t>> Number(const char* sql, const std::vector<SqlValue>& values = {});
   // Runs a script of several statements.
   absl::Status RunScript(const std::string& sql);
-  // Brings the file up to date: of `steps`, which only ever grow at their end, runs those that it has not seen, in one
-  // transaction. FailedPrecondition if it has seen more than there are: a newer version wrote it.
+  // Migrates the file: runs those of `steps` that it has not seen, in one transaction. Steps are only ever appended.
+  // FailedPrecondition if it has seen more than there are: a newer version wrote it.
   absl::Status Migrate(const std::vector<std::string>& steps);
 
   int64_t ChangedRows() const { return sqlite3_changes64(connection_.get()); }

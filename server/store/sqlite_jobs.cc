@@ -99,19 +99,17 @@ absl::Status SqliteStore::ReadRenders(JobRecord& job) {
 
 absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
   if (job.renders.empty()) {
-    return BadField("job.depth_from",
-                    "job.depth_from takes depth over to render from it, and this job has no renders: name some");
+    return BadField("job.depth_from", "job.depth_from reuses depth for renders, but this job has no renders: add some");
   }
   ASSIGN_OR_RETURN(const int64_t number, JobNumber(job.depth_from));
   ASSIGN_OR_RETURN(JobRecord from, ReadJob(number));
   const std::string name = "jobs/" + job.depth_from;
   if (from.state != JobState::kSucceeded) {
     return WrongState(ToString(from.state), absl::StrCat(name, " is ", std::string(ToString(from.state)),
-                                                         ", must be SUCCEEDED before its depth can be taken over"));
+                                                         ", must be SUCCEEDED before its depth can be reused"));
   }
   if (from.kind != JobKind::kUpsample) {
-    return BadField("job.depth_from",
-                    absl::StrCat("job.depth_from = ", name, " has scene flow and no depth to take over"));
+    return BadField("job.depth_from", absl::StrCat("job.depth_from = ", name, " has scene flow and no depth to reuse"));
   }
   if (from.sequence_id != job.sequence_id || !GiveSameDepth(from.options, job.options)) {
     return BadField("job.depth_from",
@@ -121,10 +119,9 @@ absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
   }
   ASSIGN_OR_RETURN(const JobFacts facts, FactsOfJob(job.kind, job.options));
   if (facts.outputs.size() > from.facts.outputs.size()) {
-    return BadField(
-        "job.options.scene_flow",
-        absl::StrCat("job.options.scene_flow asks for motion that ", name,
-                     ", whose depth is taken over, has not kept: leave it out, or compute the depth again"));
+    return BadField("job.options.scene_flow",
+                    absl::StrCat("job.options.scene_flow needs motion that ", name,
+                                 ", whose depth is reused, did not keep: leave it out, or compute the depth again"));
   }
   return from;
 }

@@ -95,7 +95,8 @@ class SqliteStore : public Store {
   absl::Status AddTask(TaskKind kind, int64_t owner, int failures);
   // What a job without a plan does first.
   absl::Status AddFirstTask(const JobRecord& job);
-  // Makes a task of up to `wanted` contiguous intervals of what comes first, and claims them for it. Its number.
+  // Makes a task of up to `wanted` contiguous intervals, from the first open one on, and claims them. Returns its
+  // number.
   absl::StatusOr<int64_t> TakeIntervals(int64_t job, int wanted);
   absl::StatusOr<int64_t> TakeRenderParts(int64_t job, int wanted);
   // FailedPrecondition unless the task is running.

@@ -287,7 +287,7 @@ absl::Status SqliteStore::Release(const TaskRow& task) {
   RETURN_IF_ERROR(RemoveTask(task.number));
   if (task.kind == TaskKind::kValidate) return AddTask(task.kind, task.sequence, task.failures);
   ASSIGN_OR_RETURN(const JobRecord job, ReadJob(task.job));
-  // Intervals are cut anew when they are claimed, so they need no task to wait in.
+  // Intervals become batches when they are claimed, so they need no waiting task.
   if (job.state == JobState::kRunning && !IsCut(task.kind)) {
     RETURN_IF_ERROR(AddTask(task.kind, task.job, task.failures));
   }

@@ -1,4 +1,4 @@
-// The server's memory of sequences, uploads, jobs and tasks: what must survive kill -9.
+// The server's records of sequences, uploads, jobs and tasks: what must survive kill -9.
 //
 // Every method is one transaction: when it returns OK the change is durable, otherwise nothing has changed.
 // Errors everywhere: NotFound for an unknown id; ResourceExhausted (DISK_FULL) when the disk is full; Internal for a
@@ -48,8 +48,8 @@ class Store {
 
   // ---- sequences ----
   // `request_id` may be empty. The same id with the same arguments returns what the first call made; with other
-  // arguments AlreadyExists (IDEMPOTENCY_MISMATCH). It is forgotten when what it made is deleted. So for CreateUpload
-  // and CreateJob.
+  // arguments AlreadyExists (IDEMPOTENCY_MISMATCH). The id is forgotten when what it made is deleted. CreateUpload and
+  // CreateJob do the same.
   virtual absl::StatusOr<SequenceRecord> CreateSequence(std::string_view display_name, std::string_view request_id) = 0;
   virtual absl::StatusOr<SequenceRecord> GetSequence(std::string_view id) = 0;
   // Newest first. InvalidArgument for a token that is not of this list and filter.
@@ -105,12 +105,12 @@ class Store {
   // longer the one that counts: its job failed, or it was released.
 
   // The next piece of work, now running; nullopt when there is none. Validations go first, then jobs in their order.
-  // Intervals are cut into batches here: contiguous, unfinished, taken by nobody; to be rendered once the frames they
-  // look at are finished, and then before further ones are computed, so that pictures stream as depth does.
+  // Batches of intervals are cut here: contiguous, unfinished, unclaimed. Intervals are rendered once the frames they
+  // look at are finished, and before further ones are computed, so that pictures stream as depth does.
   virtual absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) = 0;
   // The state of a validation: sequence kValidating -> kReady | kInvalid. Ends the task.
   virtual absl::Status FinishValidation(int64_t task, const ValidationResult& result) = 0;
-  // What a self-check task measured. Ends the task; the prepare task of the job comes into being.
+  // What a self-check task measured. Ends the task and creates the job's prepare task.
   virtual absl::Status FinishSelfCheck(int64_t task, const SelfCheck& check) = 0;
   // What a prepare task found. Ends the task. A plan without intervals is InvalidArgument.
   virtual absl::Status FinishPrepare(int64_t task, const JobPlan& plan) = 0;
@@ -118,8 +118,8 @@ class Store {
   // nothing.
   virtual absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) = 0;
   // Ends an intervals, render or assemble task whose child ended well. Intervals it left undone go back. When the last
-  // interval of a job is computed and rendered the assemble task comes into being; with that the job has kSucceeded.
-  // `assembled` are the frames that an assemble task has made a file for, if it makes such: FrameRecord::assembled.
+  // interval of a job is computed and rendered, creates the assemble task; when that one ends, the job has kSucceeded.
+  // `assembled` are the frames that an assemble task has made a file for, if it makes any: FrameRecord::assembled.
   virtual absl::Status CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled = std::nullopt) = 0;
   // Ends an attempt that went wrong. With `retry` and fewer than `kMaxAttempts` failures the work goes back to be
   // claimed anew; otherwise the job is kFailed (the sequence kInvalid) with `error`, and its other tasks lose their

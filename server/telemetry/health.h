@@ -1,4 +1,4 @@
-// Which services can serve, for whoever asks: the gRPC health service, probes, the way down.
+// Which services can serve, for the gRPC health service and for probes.
 //
 // Threads: all methods may be called concurrently.
 #ifndef DEPTHTWEEN_SERVER_TELEMETRY_HEALTH_H_
