@@ -21,7 +21,7 @@ namespace depthtween::cli {
 
 std::string DescribeProgress(const v1::Job& job) {
   const v1::Progress& progress = job.progress();
-  const std::string state = absl::AsciiStrToLower(StateName(job.state()));
+  std::string state = absl::AsciiStrToLower(StateName(job.state()));
   if (job.state() == v1::Job::STATE_QUEUED) {
     if (!progress.has_queue_position() || progress.queue_position() == 0) return state;
     return absl::StrCat(state, ", ", progress.queue_position(), progress.queue_position() == 1 ? " job" : " jobs",

@@ -222,7 +222,7 @@ absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest reques
     if (!here.ok() || !sunk.ok()) context.TryCancel();
     const absl::Status there = connection.Answer(stream->Finish());
     if (!sunk.ok()) return sunk;
-    const absl::Status status = here.ok() ? there : here;
+    absl::Status status = here.ok() ? there : here;
     if (const std::optional<int> lost = LostFrame(status); lost && on_lost && *lost >= request.start_frame()) {
       RETURN_IF_ERROR(on_lost(*lost));
       request.set_start_frame(After(*lost, request.stride()));
@@ -258,7 +258,7 @@ absl::StatusOr<int64_t> FetchFile(Connection& connection, const std::string& nam
     if (!here.ok() || !written.ok()) context.TryCancel();
     const absl::Status there = connection.Answer(stream->Finish());
     if (!written.ok()) return written;
-    const absl::Status status = here.ok() ? there : here;
+    absl::Status status = here.ok() ? there : here;
     if (status.ok()) break;
     if (!persistence.TryAgain(status)) return status;
   }
@@ -301,7 +301,7 @@ absl::StatusOr<Frame> RenderFrame(Connection& connection, const v1::RenderFrameR
     }
     if (!here.ok()) context.TryCancel();
     const absl::Status there = connection.Answer(stream->Finish());
-    const absl::Status status = here.ok() ? there : here;
+    absl::Status status = here.ok() ? there : here;
     if (status.ok() && whole) return assembler.frame();
     if (!persistence.TryAgain(status)) {
       return status.ok() ? absl::DataLossError("the picture ended before it was whole") : status;
