@@ -1,5 +1,6 @@
 // depthtween-server: flags -> options, signals, order of starting and stopping.
 #include <signal.h>
+#include <sys/stat.h>
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
@@ -45,6 +46,7 @@ constexpr absl::Duration kStopPatience = absl::Seconds(2);
 
 struct ServeOptions {
   std::string data_dir;
+  int quarantine_days = 7;
   std::string port_file;
   RpcServerOptions rpc;
   JobManagerOptions jobs;
@@ -103,11 +105,14 @@ std::string BoundAddress(const RpcServerOptions& options, int port) {
 
 absl::Status Serve(const ServeOptions& options) {
   const StopSignals stop_signals;
+  umask(0077);  // recordings are nobody else's to read
   ConfigureLog(options.log);
   RETURN_IF_ERROR(options.rpc.Validate());
 
   // Each borrows those above it and is destroyed before them.
-  ASSIGN_OR_RETURN(const std::unique_ptr<DataDirectory> directory, DataDirectory::Open(options.data_dir));
+  ASSIGN_OR_RETURN(
+      const std::unique_ptr<DataDirectory> directory,
+      DataDirectory::Open(options.data_dir, {.keep_quarantine = absl::Hours(24) * options.quarantine_days}));
   ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenSqliteStore(directory->DatabaseFile(), options.limits));
   const std::unique_ptr<BlobStore> blobs = MakeFolderBlobStore(*directory);
   absl::StatusOr<std::unique_ptr<JobManager>> started = JobManager::Start(*directory, *store, options.jobs);
@@ -143,6 +148,16 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   CLI::App* command = app.add_subcommand("serve", "Serve until SIGTERM or SIGINT.");
   command->add_option("--data-dir", options.data_dir, "Folder for recordings, jobs and results; made if missing")
       ->required();
+  command->add_flag("--new-database", options.jobs.accept_new_store,
+                    "Go on with an empty database where the folder's own is lost: recordings and jobs that it does not "
+                    "know go to DATA_DIR/quarantine");
+  command
+      ->add_option("--quarantine-days", options.quarantine_days,
+                   "How long to keep what lies in the data folder and the database does not know, such as after the "
+                   "database was restored from a backup")
+      ->check(AtLeast(0))
+      ->type_name("DAYS")
+      ->capture_default_str();
   command->add_option("--listen", options.rpc.listen, "HOST:PORT (port 0: any free one) or unix:PATH")
       ->capture_default_str();
   command->add_option("--port-file", options.port_file, "Write the bound port to this file once ready");

@@ -10,8 +10,8 @@
 namespace depthtween::server {
 
 // Deletes the record of `name` by `forget`, then its files by `remove`. A crash in between leaves files without a
-// record, which the next start removes. If the disk is too full to delete the record, deletes the files first, then
-// retries the record for a few seconds. Errors: those of both; the message says what is left.
+// record, which the next start moves to quarantine. If the disk is too full to delete the record, deletes the files
+// first, then retries the record for a few seconds. Errors: those of both; the message says what is left.
 absl::Status DeleteWithFiles(std::string_view name, const std::function<absl::Status()>& forget,
                              const std::function<absl::Status()>& remove);
 

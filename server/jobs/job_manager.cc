@@ -19,6 +19,7 @@
 #include "absl/time/clock.h"
 #include "server/jobs/child_process.h"
 #include "server/jobs/deletion.h"
+#include "server/jobs/inventory.h"
 #include "server/jobs/task_protocol.h"
 #include "server/jobs/task_runner.h"
 #include "server/store/error_info.h"
@@ -37,15 +38,6 @@ constexpr std::chrono::seconds kStoreRetryGap{1};
 // may wait for it.
 constexpr absl::Duration kPlanTime = absl::Seconds(20);
 constexpr int kMaxPlansWaiting = 3;
-
-std::vector<std::string> FoldersIn(const std::string& path) {
-  std::vector<std::string> names;
-  std::error_code error;
-  for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error)) {
-    names.push_back(entry->path().filename());
-  }
-  return names;
-}
 
 // A status for the log, without its payload.
 std::string Words(const absl::Status& status) {
@@ -163,20 +155,13 @@ absl::Status Manager::CleanUpAndStart() {
   if (access(options_.core_program.c_str(), X_OK) != 0) {
     return ErrnoStatus(errno, "run the program " + options_.core_program);
   }
+  RETURN_IF_ERROR(CheckStoreIsOfFolder(directory_, store_, options_.accept_new_store));
   // After a killed server: end its children, give their work back, then remove their scratch folders.
-  const std::vector<std::string> tasks = FoldersIn(directory_.TasksFolder());
+  const std::vector<std::string> tasks = NamesIn(directory_.TasksFolder());
   for (const std::string& task : tasks) KillLeftChild(directory_.TasksFolder() + "/" + task);
   RETURN_IF_ERROR(store_.ReleaseAllTasks());
   for (const std::string& task : tasks) RETURN_IF_ERROR(directory_.Discard(directory_.TasksFolder() + "/" + task));
-  // A server that died between deleting a row and its folder left a folder without a row.
-  for (const std::string& id : FoldersIn(directory_.JobsFolder())) {
-    if (absl::IsNotFound(store_.GetJob(id).status())) RETURN_IF_ERROR(directory_.Discard(directory_.JobFolder(id)));
-  }
-  for (const std::string& id : FoldersIn(directory_.SequencesFolder())) {
-    if (absl::IsNotFound(store_.GetSequence(id).status())) {
-      RETURN_IF_ERROR(directory_.Discard(directory_.SequenceFolder(id)));
-    }
-  }
+  RETURN_IF_ERROR(QuarantineWhatHasNoRecord(directory_, store_));
   for (int i = 0; i < options_.workers; ++i) {
     workers_.emplace_back([this](std::stop_token stop) { Work(stop); });
   }

@@ -39,6 +39,9 @@ struct JobManagerOptions {
   int frame_renderers = 2;
   absl::Duration frame_render_time = absl::Seconds(30);
 
+  // Go on although the store is new and the folder has recordings or jobs (inventory.h).
+  bool accept_new_store = false;
+
   absl::Status Validate() const;
 };
 

@@ -10,10 +10,15 @@
 #include <filesystem>
 #include <stop_token>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "server/store/resource_names.h"
 
 namespace depthtween::server {
 namespace {
@@ -26,16 +31,70 @@ std::string ReadShortFile(int fd) {
   return size <= 0 ? std::string() : std::string(absl::StripAsciiWhitespace({text.data(), static_cast<size_t>(size)}));
 }
 
+constexpr char kMarker[] = "/depthtween-data";
+constexpr char kMarkerTitle[] = "depthtween data folder";
+constexpr char kQuarantineTime[] = "%E4Y%m%dT%H%M%SZ";
+constexpr absl::Duration kQuarantineGap = absl::Hours(1);
+
+// FailedPrecondition, naming what is there, unless the folder holds no more than an interrupted first start leaves.
+absl::Status CheckEmpty(const std::string& folder) {
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const std::string name = entry->path().filename();
+    if (name == "lock" || name == "lost+found" || name == std::string(kMarker + 1) + ".new") continue;
+    return absl::FailedPreconditionError(absl::StrCat(folder, " is not a data folder of a server: it holds ", name,
+                                                      " and no file ", kMarker + 1,
+                                                      ". Name a folder that is empty or missing with --data-dir"));
+  }
+  return error ? ErrnoStatus(error.value(), "list " + folder) : absl::OkStatus();
+}
+
+absl::Status WriteMarker(const std::string& folder, const std::string& text) {
+  const std::string marker = folder + kMarker, draft = marker + ".new";
+  const int fd = open(draft.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
+  if (fd < 0) return ErrnoStatus(errno, "create " + draft);
+  const bool written = write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && fsync(fd) == 0;
+  const absl::Status status = written ? absl::OkStatus() : ErrnoStatus(errno, "write " + draft);
+  close(fd);
+  RETURN_IF_ERROR(status);
+  if (rename(draft.c_str(), marker.c_str()) != 0) return ErrnoStatus(errno, "create " + marker);
+  const int parent = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool synced = parent >= 0 && fsync(parent) == 0;
+  const absl::Status kept = synced ? absl::OkStatus() : ErrnoStatus(errno, "sync " + folder);
+  if (parent >= 0) close(parent);
+  return kept;
+}
+
+// The folder's id.
+absl::StatusOr<std::string> ReadOrMakeMarker(const std::string& folder) {
+  const std::string marker = folder + kMarker;
+  const int fd = open(marker.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+  if (fd < 0 && errno == ENOENT) {
+    const std::string id = NewId() + NewId();
+    RETURN_IF_ERROR(WriteMarker(folder, absl::StrCat(kMarkerTitle, "\n", id, "\n")));
+    return id;
+  }
+  if (fd < 0) return ErrnoStatus(errno, "open " + marker);
+  const std::vector<std::string> lines = absl::StrSplit(ReadShortFile(fd), '\n');
+  close(fd);
+  if (lines.size() != 2 || lines[0] != kMarkerTitle || lines[1].empty()) {
+    return absl::DataLossError(absl::StrCat(marker, " is damaged: it must hold \"", kMarkerTitle,
+                                            "\" and, on a second line, the id of the folder"));
+  }
+  return lines[1];
+}
+
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::string& path) {
+absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::string& path,
+                                                                   const DataDirectoryOptions& options) {
   std::error_code error;
   std::string absolute = fs::absolute(path, error).lexically_normal();
   while (absolute.size() > 1 && absolute.back() == '/') absolute.pop_back();
-  for (const char* folder : {"", "/sequences", "/jobs", "/tasks", "/trash"}) {
-    fs::create_directories(absolute + folder, error);
-    if (error) return ErrnoStatus(error.value(), "create the data folder " + absolute + folder);
-  }
+  fs::create_directories(absolute, error);
+  if (error) return ErrnoStatus(error.value(), "create the data folder " + absolute);
+  // Before anything is written: the folder may be somebody else's.
+  if (!fs::exists(absolute + kMarker, error)) RETURN_IF_ERROR(CheckEmpty(absolute));
   const std::string lock = absolute + "/lock";
   const int fd = open(lock.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
   if (fd < 0) return ErrnoStatus(errno, "open " + lock);
@@ -60,11 +119,25 @@ absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::st
     close(fd);
     return status;
   }
-  return std::unique_ptr<DataDirectory>(new DataDirectory(absolute, fd));
+  absl::StatusOr<std::string> id = ReadOrMakeMarker(absolute);
+  for (const char* folder : {"/sequences", "/jobs", "/tasks", "/trash", "/quarantine"}) {
+    if (!id.ok()) break;
+    fs::create_directories(absolute + folder, error);
+    if (error) id = ErrnoStatus(error.value(), "create the data folder " + absolute + folder);
+  }
+  if (!id.ok()) {
+    close(fd);
+    return id.status();
+  }
+  return std::unique_ptr<DataDirectory>(new DataDirectory(absolute, *std::move(id), fd, options));
 }
 
-DataDirectory::DataDirectory(std::string path, int lock_fd)
-    : path_(std::move(path)), lock_fd_(lock_fd), sweeper_([this](std::stop_token stop) { EmptyTrash(stop); }) {}
+DataDirectory::DataDirectory(std::string path, std::string id, int lock_fd, const DataDirectoryOptions& options)
+    : path_(std::move(path)),
+      id_(std::move(id)),
+      options_(options),
+      lock_fd_(lock_fd),
+      sweeper_([this](const std::stop_token& stop) { Sweep(stop); }) {}
 
 DataDirectory::~DataDirectory() {
   sweeper_.request_stop();
@@ -117,21 +190,55 @@ absl::Status DataDirectory::Discard(const std::string& folder) {
   return absl::OkStatus();
 }
 
-void DataDirectory::EmptyTrash(std::stop_token stop) {
-  while (true) {
+absl::StatusOr<std::string> DataDirectory::Quarantine(const std::string& folder, std::string_view name) {
+  const std::string stem =
+      Join("/quarantine/",
+           absl::StrCat(absl::FormatTime(kQuarantineTime, absl::Now(), absl::UTCTimeZone()), "-", std::string(name)));
+  std::string target = stem;
+  // A second of the same name within a second; rename would replace it if it were empty.
+  for (int i = 2; access(target.c_str(), F_OK) == 0; ++i) target = absl::StrCat(stem, "-", i);
+  if (rename(folder.c_str(), target.c_str()) != 0) {
+    return ErrnoStatus(errno, absl::StrCat("move ", folder, " to ", target));
+  }
+  return target;
+}
+
+void DataDirectory::Sweep(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    ExpireQuarantine(stop);
+    bool trash = false;
     {
       std::unique_lock lock(mutex_);
-      if (!trash_changed_.wait(lock, stop, [this] { return trash_full_; })) return;
-      trash_full_ = false;
+      trash_changed_.wait_for(lock, stop, absl::ToChronoSeconds(kQuarantineGap), [this] { return trash_full_; });
+      trash = std::exchange(trash_full_, false);
     }
-    std::error_code error;
-    for (fs::directory_iterator entry(path_ + "/trash", error), end; !error && entry != end; entry.increment(error)) {
-      if (stop.stop_requested()) return;
-      // A child that is just ending may still write into its folder: what cannot be removed now goes with the next
-      // sweep.
-      std::error_code ignored;
-      fs::remove_all(entry->path(), ignored);
-    }
+    if (trash) EmptyTrash(stop);
+  }
+}
+
+void DataDirectory::EmptyTrash(const std::stop_token& stop) {
+  std::error_code error;
+  for (fs::directory_iterator entry(path_ + "/trash", error), end; !error && entry != end; entry.increment(error)) {
+    if (stop.stop_requested()) return;
+    // A child that is just ending may still write into its folder: what cannot be removed now goes with the next sweep.
+    std::error_code ignored;
+    fs::remove_all(entry->path(), ignored);
+  }
+}
+
+void DataDirectory::ExpireQuarantine(const std::stop_token& stop) {
+  const absl::Time oldest = absl::Now() - options_.keep_quarantine;
+  std::error_code error;
+  for (fs::directory_iterator entry(QuarantineFolder(), error), end; !error && entry != end; entry.increment(error)) {
+    if (stop.stop_requested()) return;
+    const std::string name = entry->path().filename();
+    absl::Time arrived;
+    std::string why;
+    // What has no such name was put there by hand, and stays.
+    if (!absl::ParseTime(kQuarantineTime, name.substr(0, name.find('-')), &arrived, &why) || arrived >= oldest)
+      continue;
+    std::error_code ignored;
+    fs::remove_all(entry->path(), ignored);
   }
 }
 

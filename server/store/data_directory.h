@@ -1,11 +1,13 @@
 // The folder that belongs to one server process, and where everything lies in it.
 //
+//   depthtween-data        marks the folder as a server's; holds the id that the store has too
 //   depthtween.sqlite      the store
 //   sequences/<id>/        files as uploaded, under their relative paths: a sequence folder
 //   jobs/<id>/             options.json, constants.json; out/: the result folder, growing with finished intervals
 //   tasks/<number>/        scratch of one attempt, which nobody else writes to
 //   tasks/errand-<n>/      scratch of a call that is waited for
 //   trash/                 deleted folders on their way out
+//   quarantine/            recordings and jobs that the store has no record of, each under the time of its arrival
 //   lock                   held as long as the process lives; holds its process id
 //
 // Threads: all methods may be called concurrently.
@@ -20,23 +22,34 @@
 #include <string_view>
 #include <thread>
 
+#include "absl/time/time.h"
 #include "core/base/status.h"
 
 namespace depthtween::server {
 
+struct DataDirectoryOptions {
+  absl::Duration keep_quarantine = absl::Hours(7 * 24);  // what lies there longer is deleted
+};
+
 class DataDirectory {
  public:
-  // Makes the folders that are missing and takes the lock. FailedPrecondition, naming the other process, if it is taken
-  // and stays so for a second.
-  static absl::StatusOr<std::unique_ptr<DataDirectory>> Open(const std::string& path);
+  // Makes the folder if it is missing, marks it if it is empty, makes the folders in it and takes the lock. Changes
+  // nothing in a folder of somebody else: FailedPrecondition if it is not empty and has no marker, DataLoss if the
+  // marker cannot be read. FailedPrecondition, naming the other process, if the lock is taken and stays so for a
+  // second.
+  static absl::StatusOr<std::unique_ptr<DataDirectory>> Open(const std::string& path,
+                                                             const DataDirectoryOptions& options = {});
   ~DataDirectory();
   DataDirectory(const DataDirectory&) = delete;
   DataDirectory& operator=(const DataDirectory&) = delete;
 
   const std::string& path() const { return path_; }
+  // Of the marker: the same as long as the folder lives, wherever it is moved.
+  const std::string& id() const { return id_; }
   std::string DatabaseFile() const { return path_ + "/depthtween.sqlite"; }
   std::string SequencesFolder() const { return path_ + "/sequences"; }
   std::string JobsFolder() const { return path_ + "/jobs"; }
+  std::string QuarantineFolder() const { return path_ + "/quarantine"; }
   std::string TasksFolder() const { return path_ + "/tasks"; }
   std::string SequenceFolder(std::string_view id) const { return Join("/sequences/", id); }
   std::string JobFolder(std::string_view id) const { return Join("/jobs/", id); }
@@ -50,13 +63,20 @@ class DataDirectory {
   // The folder is gone when this returns (renamed into trash/); its space is freed in the background. A folder that
   // does not exist is OK.
   absl::Status Discard(const std::string& folder);
+  // Moves a folder into quarantine/ as <time>-<name>, where it stays for options.keep_quarantine. Returns where it is.
+  absl::StatusOr<std::string> Quarantine(const std::string& folder, std::string_view name);
 
  private:
-  DataDirectory(std::string path, int lock_fd);
+  DataDirectory(std::string path, std::string id, int lock_fd, const DataDirectoryOptions& options);
   std::string Join(std::string_view kind, std::string_view id) const;
-  void EmptyTrash(std::stop_token stop);
+  // The sweeper: empties the trash whenever something was thrown into it, and looks after the quarantine now and then.
+  void Sweep(const std::stop_token& stop);
+  void EmptyTrash(const std::stop_token& stop);
+  void ExpireQuarantine(const std::stop_token& stop);
 
   const std::string path_;
+  const std::string id_;
+  const DataDirectoryOptions options_;
   const int lock_fd_;
   std::atomic<int64_t> trash_count_{0};
   std::mutex mutex_;

@@ -1,12 +1,17 @@
 #include "server/store/resource_names.h"
 
+#include <sys/random.h>
+
 #include <algorithm>
+#include <array>
+#include <new>
 #include <vector>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "proto/depthtween/sha256.h"
 #include "server/store/error_info.h"
 
 namespace depthtween::server {
@@ -36,6 +41,12 @@ absl::StatusOr<std::vector<std::string>> ParseName(std::string_view field, std::
 }
 
 }  // namespace
+
+std::string NewId() {
+  std::array<char, 8> bytes{};
+  if (getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) throw std::bad_alloc();
+  return Hex({bytes.data(), bytes.size()});
+}
 
 std::string SequenceName(std::string_view id) { return absl::StrCat("sequences/", View(id)); }
 std::string UploadName(std::string_view sequence_id, std::string_view upload_id) {

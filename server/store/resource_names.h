@@ -12,6 +12,9 @@ namespace depthtween::server {
 // `field` is where the request has the name. An id has 1 to 64 letters, digits, "-" and "_". InvalidArgument
 // (BAD_FIELD) for anything else.
 
+// 16 random hexadecimal digits.
+std::string NewId();
+
 std::string SequenceName(std::string_view id);
 std::string UploadName(std::string_view sequence_id, std::string_view upload_id);
 std::string JobName(std::string_view id);

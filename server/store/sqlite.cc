@@ -1,5 +1,8 @@
 #include "server/store/sqlite.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <cerrno>
 
 #include "absl/cleanup/cleanup.h"
@@ -7,6 +10,24 @@
 #include "server/store/error_info.h"
 
 namespace depthtween::server {
+namespace {
+
+// How long a statement waits for a lock that another process holds, such as a backup or an operator's shell.
+constexpr int kLockPatienceMs = 5000;
+
+// Makes a file and its name durable.
+absl::Status SyncFile(const std::string& file) {
+  for (const std::string& path : {file, file.substr(0, file.rfind('/') + 1) + "."}) {
+    const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (fd < 0) return ErrnoStatus(errno, "open " + path);
+    const absl::Status synced = fsync(fd) == 0 ? absl::OkStatus() : ErrnoStatus(errno, "sync " + path);
+    close(fd);
+    RETURN_IF_ERROR(synced);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
 
 int SqlValue::BindTo(sqlite3_stmt* statement, int position) const {
   struct Binder {
@@ -39,6 +60,7 @@ absl::StatusOr<std::unique_ptr<Database>> Database::Open(const std::string& file
   std::unique_ptr<Database> database(new Database(connection));
   if (code != SQLITE_OK) return WithContext(database->Error("open"), file);
   sqlite3_extended_result_codes(connection, 1);
+  sqlite3_busy_timeout(connection, kLockPatienceMs);
   for (const char* pragma : {"PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON",
                              "PRAGMA trusted_schema = OFF"}) {
     RETURN_IF_ERROR(WithContext(database->Run(pragma), file));
@@ -84,15 +106,28 @@ absl::Status Database::RunScript(const std::string& sql) {
                                                                                               : Error("schema");
 }
 
+absl::StatusOr<int64_t> Database::SchemaVersion() {
+  ASSIGN_OR_RETURN(const std::optional<int64_t> version, Number("PRAGMA user_version"));
+  return version.value_or(0);
+}
+
+absl::Status Database::CopyTo(const std::string& file) {
+  if (unlink(file.c_str()) != 0 && errno != ENOENT) return ErrnoStatus(errno, "replace " + file);
+  RETURN_IF_ERROR(WithContext(Run("VACUUM INTO ?", {file}), "copy the database to " + file));
+  return SyncFile(file);
+}
+
 absl::Status Database::Migrate(const std::vector<std::string>& steps) {
+  ASSIGN_OR_RETURN(const int64_t seen, SchemaVersion());
+  if (seen == static_cast<int64_t>(steps.size())) return absl::OkStatus();
   return Transact([&]() -> absl::Status {
-    ASSIGN_OR_RETURN(const std::optional<int64_t> version, Number("PRAGMA user_version"));
-    if (*version > static_cast<int64_t>(steps.size())) {
+    ASSIGN_OR_RETURN(const int64_t version, SchemaVersion());
+    if (version > static_cast<int64_t>(steps.size())) {
       return absl::FailedPreconditionError(
           absl::StrFormat("the database has schema %d, this server knows %d: a newer version wrote it, run that one",
-                          *version, steps.size()));
+                          version, steps.size()));
     }
-    for (size_t step = static_cast<size_t>(*version); step < steps.size(); ++step) {
+    for (size_t step = static_cast<size_t>(version); step < steps.size(); ++step) {
       RETURN_IF_ERROR(RunScript(steps[step]));
     }
     return RunScript(absl::StrCat("PRAGMA user_version = ", steps.size()));
@@ -115,6 +150,8 @@ absl::Status Database::Error(std::string_view doing) const {
       return DiskFull(message);
     case SQLITE_IOERR:
       return out_of_room ? DiskFull(message) : absl::InternalError(message);
+    case SQLITE_BUSY:
+      return ServerBusy(absl::StrCat("another process holds the database: ", message));
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
       return absl::DataLossError(message);

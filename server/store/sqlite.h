@@ -72,8 +72,13 @@ class Database {
   // Runs a script of several statements.
   absl::Status RunScript(const std::string& sql);
   // Migrates the file: runs those of `steps` that it has not seen, in one transaction. Steps are only ever appended.
-  // FailedPrecondition if it has seen more than there are: a newer version wrote it.
+  // Writes nothing if it has seen all, so that a server starts on a full disk. FailedPrecondition if it has seen more
+  // than there are: a newer version wrote it.
   absl::Status Migrate(const std::vector<std::string>& steps);
+  // How many steps it has seen; 0: it is new.
+  absl::StatusOr<int64_t> SchemaVersion();
+  // Writes a consistent copy, durable, over what is at `file`. Not inside a transaction.
+  absl::Status CopyTo(const std::string& file);
 
   int64_t ChangedRows() const { return sqlite3_changes64(connection_.get()); }
   int64_t LastInsertedRow() const { return sqlite3_last_insert_rowid(connection_.get()); }
@@ -81,7 +86,25 @@ class Database {
   // Calls `body`, which returns a Status or StatusOr, between BEGIN IMMEDIATE and COMMIT; rolls back when it fails.
   template <typename Body>
   auto Transact(const Body& body) -> decltype(body()) {
-    RETURN_IF_ERROR(Run("BEGIN IMMEDIATE"));
+    return Between("BEGIN IMMEDIATE", body);
+  }
+  // The same for a body that only reads: it sees one state of the file and needs no lock that others may hold.
+  template <typename Body>
+  auto Read(const Body& body) -> decltype(body()) {
+    return Between("BEGIN", body);
+  }
+
+ private:
+  struct Close {
+    void operator()(sqlite3* connection) const { sqlite3_close(connection); }
+  };
+  struct Finalize {
+    void operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
+  };
+  explicit Database(sqlite3* connection) : connection_(connection) {}
+  template <typename Body>
+  auto Between(const char* begin, const Body& body) -> decltype(body()) {
+    RETURN_IF_ERROR(Run(begin));
     auto result = body();
     if (!result.ok()) {
       RollBack();
@@ -93,15 +116,6 @@ class Database {
     }
     return result;
   }
-
- private:
-  struct Close {
-    void operator()(sqlite3* connection) const { sqlite3_close(connection); }
-  };
-  struct Finalize {
-    void operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
-  };
-  explicit Database(sqlite3* connection) : connection_(connection) {}
   absl::Status Error(std::string_view doing) const;
   void RollBack();
 

@@ -1,8 +1,10 @@
 // Jobs as their owners see them.
 #include "absl/strings/str_format.h"
+#include "nlohmann/json.hpp"
 #include "proto/depthtween/sha256.h"
 #include "server/store/error_info.h"
 #include "server/store/records_json.h"
+#include "server/store/resource_names.h"
 #include "server/store/sqlite_store_impl.h"
 
 namespace depthtween::server {
@@ -198,7 +200,7 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& order, std::strin
 }
 
 absl::StatusOr<JobRecord> SqliteStore::GetJob(std::string_view id) {
-  return Transact([&]() -> absl::StatusOr<JobRecord> {
+  return Read([&]() -> absl::StatusOr<JobRecord> {
     ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
     return ReadJob(number);
   });
@@ -213,7 +215,7 @@ absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const JobFilter& filter, c
   static const std::string sql = std::string(kJobColumns) +
                                  "WHERE number < ?1 AND (?2 = 0 OR state = ?2) AND (?3 = '' OR sequence_id = ?3) "
                                  "ORDER BY number DESC LIMIT ?4";
-  return Transact([&]() -> absl::StatusOr<Page<JobRecord>> {
+  return Read([&]() -> absl::StatusOr<Page<JobRecord>> {
     Page<JobRecord> result;
     absl::Status damage;
     bool more = false;
@@ -293,7 +295,7 @@ absl::StatusOr<JobRecord> SqliteStore::RetryJob(std::string_view id) {
 }
 
 absl::StatusOr<std::vector<PlannedInterval>> SqliteStore::JobIntervals(std::string_view id, int first, int count) {
-  return Transact([&]() -> absl::StatusOr<std::vector<PlannedInterval>> {
+  return Read([&]() -> absl::StatusOr<std::vector<PlannedInterval>> {
     ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
     std::vector<PlannedInterval> intervals;
     RETURN_IF_ERROR(database_->Run(
@@ -307,7 +309,7 @@ absl::StatusOr<std::vector<PlannedInterval>> SqliteStore::JobIntervals(std::stri
 }
 
 absl::StatusOr<std::vector<FrameRecord>> SqliteStore::JobFrames(std::string_view id, int first, int count, int render) {
-  return Transact([&]() -> absl::StatusOr<std::vector<FrameRecord>> {
+  return Read([&]() -> absl::StatusOr<std::vector<FrameRecord>> {
     ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
     std::vector<FrameRecord> frames;
     const auto on_row = [&frames](const SqlRow& row) {

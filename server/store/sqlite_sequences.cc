@@ -8,6 +8,7 @@
 #include "server/store/error_info.h"
 #include "server/store/path_rules.h"
 #include "server/store/records_json.h"
+#include "server/store/resource_names.h"
 #include "server/store/sqlite_store_impl.h"
 
 namespace depthtween::server {
@@ -90,7 +91,7 @@ absl::StatusOr<SequenceRecord> SqliteStore::CreateSequence(std::string_view disp
 }
 
 absl::StatusOr<SequenceRecord> SqliteStore::GetSequence(std::string_view id) {
-  return Transact([&] { return ReadSequence(id); });
+  return Read([&] { return ReadSequence(id); });
 }
 
 absl::StatusOr<Page<SequenceRecord>> SqliteStore::ListSequences(const SequenceFilter& filter, const PageRequest& page) {
@@ -100,7 +101,7 @@ absl::StatusOr<Page<SequenceRecord>> SqliteStore::ListSequences(const SequenceFi
   ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_));
   static const std::string sql =
       std::string(kSequenceColumns) + "WHERE number < ?1 AND (?2 = 0 OR state = ?2) ORDER BY number DESC LIMIT ?3";
-  return Transact([&]() -> absl::StatusOr<Page<SequenceRecord>> {
+  return Read([&]() -> absl::StatusOr<Page<SequenceRecord>> {
     Page<SequenceRecord> result;
     absl::Status damage;
     int64_t last = 0;
@@ -256,7 +257,7 @@ absl::StatusOr<UploadRecord> SqliteStore::ReadUpload(std::string_view id) {
 }
 
 absl::StatusOr<UploadRecord> SqliteStore::GetUpload(std::string_view sequence_id, std::string_view upload_id) {
-  return Transact([&]() -> absl::StatusOr<UploadRecord> {
+  return Read([&]() -> absl::StatusOr<UploadRecord> {
     absl::StatusOr<UploadRecord> record = ReadUpload(upload_id);
     if (absl::IsNotFound(record.status()) || (record.ok() && record->sequence_id != sequence_id)) {
       return NoSuchResource(
@@ -267,7 +268,7 @@ absl::StatusOr<UploadRecord> SqliteStore::GetUpload(std::string_view sequence_id
 }
 
 absl::StatusOr<std::vector<UploadFile>> SqliteStore::UploadFiles(std::string_view upload_id) {
-  return Transact([&]() -> absl::StatusOr<std::vector<UploadFile>> {
+  return Read([&]() -> absl::StatusOr<std::vector<UploadFile>> {
     std::vector<UploadFile> files;
     RETURN_IF_ERROR(
         database_->Run("SELECT path, f.size_bytes, sha256 FROM files f JOIN uploads u ON u.number = f.upload WHERE "

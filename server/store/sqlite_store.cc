@@ -1,17 +1,12 @@
 #include "server/store/sqlite_store.h"
 
-#include <sys/random.h>
-
-#include <array>
 #include <cstdint>
 #include <limits>
-#include <new>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "proto/depthtween/crc32c.h"
-#include "proto/depthtween/sha256.h"
 #include "server/store/error_info.h"
 #include "server/store/schema.h"
 #include "server/store/sqlite_store_impl.h"
@@ -20,8 +15,27 @@ namespace depthtween::server {
 
 absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, const Limits& limits) {
   ASSIGN_OR_RETURN(std::unique_ptr<Database> database, Database::Open(file));
+  ASSIGN_OR_RETURN(const int64_t version, database->SchemaVersion());
+  if (version > 0 && version < static_cast<int64_t>(SchemaSteps().size())) {
+    RETURN_IF_ERROR(database->CopyTo(absl::StrCat(file, ".schema-", version)));
+  }
   RETURN_IF_ERROR(WithContext(database->Migrate(SchemaSteps()), file));
   return std::make_unique<SqliteStore>(std::move(database), limits);
+}
+
+absl::StatusOr<std::optional<std::string>> SqliteStore::FolderId() {
+  return Read([&]() -> absl::StatusOr<std::optional<std::string>> {
+    std::optional<std::string> id;
+    RETURN_IF_ERROR(database_->Run("SELECT id FROM data_folder", {}, [&id](const SqlRow& row) { id = row.Text(0); }));
+    return id;
+  });
+}
+
+absl::Status SqliteStore::SetFolderId(std::string_view id) {
+  return Transact([&]() -> absl::Status {
+    RETURN_IF_ERROR(database_->Run("DELETE FROM data_folder"));
+    return database_->Run("INSERT INTO data_folder (id) VALUES (?)", {id});
+  });
 }
 
 absl::StatusOr<std::optional<std::string>> SqliteStore::MadeBefore(const std::string& scope,
@@ -48,12 +62,6 @@ absl::Status SqliteStore::RememberRequest(const std::string& scope, std::string_
   if (request_id.empty()) return absl::OkStatus();
   return database_->Run("INSERT INTO requests (scope, request_id, fingerprint, made_id) VALUES (?, ?, ?, ?)",
                         {scope, request_id, fingerprint, made_id});
-}
-
-std::string NewId() {
-  std::array<char, 8> bytes{};
-  if (getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) throw std::bad_alloc();
-  return Hex({bytes.data(), bytes.size()});
 }
 
 std::string MakePageToken(int64_t last_number, std::string_view list_and_filter) {

@@ -10,8 +10,8 @@
 
 namespace depthtween::server {
 
-// Opens or creates the database and brings its schema up to date. FailedPrecondition if a newer version of the server
-// made it; DataLoss if the file is not a database or is damaged.
+// Opens or creates the database and brings its schema up to date; before that, copies it to <file>.schema-<version>.
+// FailedPrecondition if a newer version of the server made it; DataLoss if the file is not a database or is damaged.
 absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, const Limits& limits);
 
 }  // namespace depthtween::server

@@ -20,6 +20,9 @@ class SqliteStore : public Store {
   SqliteStore(std::unique_ptr<Database> database, const Limits& limits)
       : database_(std::move(database)), limits_(limits) {}
 
+  absl::StatusOr<std::optional<std::string>> FolderId() override;
+  absl::Status SetFolderId(std::string_view id) override;
+
   absl::StatusOr<SequenceRecord> CreateSequence(std::string_view display_name, std::string_view request_id) override;
   absl::StatusOr<SequenceRecord> GetSequence(std::string_view id) override;
   absl::StatusOr<Page<SequenceRecord>> ListSequences(const SequenceFilter& filter, const PageRequest& page) override;
@@ -71,6 +74,12 @@ class SqliteStore : public Store {
     return database_->Transact(body);
   }
 
+  template <typename Body>
+  auto Read(const Body& body) {
+    const std::lock_guard lock(mutex_);
+    return database_->Read(body);
+  }
+
   // Everything below runs inside a transaction.
 
   // The id of what `request_id` made in `scope`; nullopt when it is new or empty. AlreadyExists (IDEMPOTENCY_MISMATCH).
@@ -113,8 +122,6 @@ class SqliteStore : public Store {
   const Limits limits_;
 };
 
-// 16 random hexadecimal digits.
-std::string NewId();
 // Page tokens name the last number seen, and the list and filter they belong to.
 std::string MakePageToken(int64_t last_number, std::string_view list_and_filter);
 // The number that the page comes before; the largest there is for an empty token. InvalidArgument for a foreign one.

@@ -46,6 +46,10 @@ class Store {
  public:
   virtual ~Store() = default;
 
+  // The id of the data folder that these records are of; nullopt in a new store.
+  virtual absl::StatusOr<std::optional<std::string>> FolderId() = 0;
+  virtual absl::Status SetFolderId(std::string_view id) = 0;
+
   // ---- sequences ----
   // `request_id` may be empty. The same id with the same arguments returns what the first call made; with other
   // arguments AlreadyExists (IDEMPOTENCY_MISMATCH). The id is forgotten when what it made is deleted. CreateUpload and

@@ -290,14 +290,6 @@ TEST_F(JobManagerTest, KilledServerResumesWithWhatIsUnfinished) {
   }
 }
 
-TEST_F(JobManagerTest, FoldersThatNobodyNamesAreRemoved) {
-  WriteText(folder_ / "data/jobs/0123456789abcdef/out/depth/1.png", "x");
-  WriteText(folder_ / "data/sequences/0123456789abcdef/rgb.txt", "x");
-  Start();
-  EXPECT_TRUE(std::filesystem::is_empty(folder_ / "data/jobs"));
-  EXPECT_TRUE(std::filesystem::is_empty(folder_ / "data/sequences"));
-}
-
 TEST_F(JobManagerTest, OptionsAreChecked) {
   OpenStores(folder_ / "data");
   EXPECT_THAT(JobManager::Start(*directory_, *store_, {.core_program = "/no/such/program"}),

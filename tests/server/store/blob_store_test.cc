@@ -92,6 +92,7 @@ TEST(DataDirectory, KeepsItsPlaceToItself) {
 
 TEST(DataDirectory, SweepsWhatAnEarlierProcessDiscarded) {
   const TemporaryFolder folder;
+  EXPECT_THAT(DataDirectory::Open(folder / "data"), IsOk());
   WriteText(folder / "data/trash/old/file", "x");
   const auto directory = Take(DataDirectory::Open(folder / "data"));
   WriteText(directory->JobFolder("j") + "/out/file", "x");
@@ -99,6 +100,48 @@ TEST(DataDirectory, SweepsWhatAnEarlierProcessDiscarded) {
   EXPECT_FALSE(std::filesystem::exists(directory->JobFolder("j")));
   // In the background: waited for without a deadline of its own, the test's time-out is the limit.
   while (!std::filesystem::is_empty(folder / "data/trash")) usleep(1000);
+}
+
+// A folder that somebody else uses may have folders of the same names. Nothing in it changes.
+TEST(DataDirectory, RefusesAFolderOfSomebodyElse) {
+  const TemporaryFolder folder;
+  for (const char* file : {"jobs/1/a", "tasks/1/b", "trash/c", "sequences/s/d"}) folder.Write(file, "x");
+  const auto opened = DataDirectory::Open(folder.path());
+  EXPECT_THAT(opened, HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(std::string(opened.status().message()), HasSubstr("is not a data folder"));
+  for (const char* file : {"jobs/1/a", "tasks/1/b", "trash/c", "sequences/s/d"}) EXPECT_TRUE(folder.Has(file)) << file;
+  EXPECT_FALSE(folder.Has("lock"));
+}
+
+// The root of a file system of its own is empty but for one folder.
+TEST(DataDirectory, KeepsItsIdWhereverItIsMoved) {
+  const TemporaryFolder folder;
+  folder.Write("data/lost+found/x", "");
+  const std::string id = Take(DataDirectory::Open(folder / "data"))->id();
+  EXPECT_EQ(id.size(), 32U);
+  std::filesystem::rename(folder / "data", folder / "moved");
+  EXPECT_EQ(Take(DataDirectory::Open(folder / "moved"))->id(), id);
+  EXPECT_NE(Take(DataDirectory::Open(folder / "another"))->id(), id);
+  folder.Write("moved/depthtween-data", "something else");
+  EXPECT_THAT(DataDirectory::Open(folder / "moved"), HasCode(absl::StatusCode::kDataLoss));
+}
+
+TEST(DataDirectory, QuarantineKeepsForDays) {
+  const TemporaryFolder folder;
+  {
+    const auto directory = Take(DataDirectory::Open(folder / "data"));
+    WriteText(directory->JobFolder("j") + "/out/file", "x");
+    const std::string kept = Take(directory->Quarantine(directory->JobFolder("j"), "jobs-j"));
+    EXPECT_EQ(ReadText(kept + "/out/file"), "x");
+    std::filesystem::rename(kept, folder / "data/quarantine/20200101T000000Z-jobs-j");
+    WriteText(directory->JobFolder("j") + "/out/file", "y");
+    EXPECT_THAT(directory->Quarantine(directory->JobFolder("j"), "jobs-j"), IsOk());
+    folder.Write("data/quarantine/by-hand/file", "z");
+  }
+  const auto directory = Take(DataDirectory::Open(folder / "data"));
+  while (folder.Has("data/quarantine/20200101T000000Z-jobs-j")) usleep(1000);
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(directory->QuarantineFolder()), {}), 2);
+  EXPECT_TRUE(folder.Has("data/quarantine/by-hand/file"));
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <thread>
+
 #include "server/store/schema.h"
 #include "server/store/sqlite.h"
 #include "tests/server/store/store_conformance.h"
@@ -44,6 +46,35 @@ TEST(SqliteDatabase, MigratesWhatAnOlderVersionWrote) {
   for (int starts = 0; starts < 2; ++starts) EXPECT_THAT(database->Migrate({first, second}), IsOk());
   EXPECT_EQ(Take(database->Number("SELECT 10 * x + y FROM t")), 57);
   EXPECT_EQ(Take(database->Number("PRAGMA user_version")), 2);
+}
+
+TEST(SqliteStore, CopiesTheFileBeforeItMigrates) {
+  const TemporaryFolder folder;
+  {
+    const auto older = Take(Database::Open(folder / "s.sqlite"));
+    EXPECT_THAT(older->Migrate({SchemaSteps().front()}), IsOk());
+  }
+  EXPECT_THAT(OpenSqliteStore(folder / "s.sqlite", {}), IsOk());
+  const auto copy = Take(Database::Open(folder / "s.sqlite.schema-1"));
+  EXPECT_EQ(Take(copy->SchemaVersion()), 1);
+  EXPECT_EQ(Take(copy->Number("SELECT count(*) FROM sequences")), 0);
+}
+
+// Another process writes, as an operator's shell does: reads do not wait for it, and writes wait a little.
+TEST(SqliteStore, OutlastsALockFromOutside) {
+  const TemporaryFolder folder;
+  const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
+  const SequenceRecord made = Take(store->CreateSequence("before", ""));
+  const auto outside = Take(Database::Open(folder / "s.sqlite"));
+  EXPECT_THAT(outside->Run("BEGIN IMMEDIATE"), IsOk());
+  EXPECT_EQ(Take(store->GetSequence(made.id)).display_name, "before");
+  EXPECT_EQ(Take(store->ListSequences({}, {})).items.size(), 1U);
+  std::thread release([&outside] {
+    usleep(200'000);
+    EXPECT_THAT(outside->Run("COMMIT"), IsOk());
+  });
+  EXPECT_THAT(store->CreateSequence("after", ""), IsOk());
+  release.join();
 }
 
 TEST(SqliteStore, RefusesTheFileOfANewerServer) {
@@ -115,12 +146,13 @@ TEST(SqliteDatabase, FullDatabaseIsAFullDisk) {
 TEST(SqliteStore, FullDiskIsAStatusAndHarmsNothing) {
   const SmallDisk disk("1m");
   ASSERT_TRUE(disk.mounted()) << kNeedsMount;
-  const auto store = Take(OpenSqliteStore(disk.path() + "/s.sqlite", {}));
+  auto store = Take(OpenSqliteStore(disk.path() + "/s.sqlite", {}));
   const SequenceRecord before = Take(store->CreateSequence("before", ""));
   WriteText(disk.path() + "/filler", std::string(2 << 20, 'x'));
   absl::Status failure;
   for (int made = 0; made < 1000 && failure.ok(); ++made) failure = store->CreateSequence("", "").status();
   EXPECT_THAT(failure, HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
+  store = Take(OpenSqliteStore(disk.path() + "/s.sqlite", {}));  // a server starts there, too
   EXPECT_EQ(Take(store->GetSequence(before.id)).display_name, "before");
   std::filesystem::remove(disk.path() + "/filler");
   EXPECT_THAT(store->CreateSequence("after", ""), IsOk()) << "with room again it goes on";
