@@ -1,3 +1,4 @@
+// The bookkeeping of a benchmark. Known by definition: which tables, methods and frames each order must give.
 #include "tests/bench/benchmark.h"
 #include "tests/bench/parameters.h"
 

@@ -1,3 +1,4 @@
+// Pairs of frames with truth. A scene and its files must agree, within what the files round.
 #include "tests/bench/motion_pairs.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// Plots as text. Places are counted by hand.
 #include "tests/bench/svg_plot.h"
 
 #include <limits>

@@ -1,3 +1,4 @@
+// What the client prints. Texts are written by hand from the messages they tell of.
 #include <gtest/gtest.h>
 
 #include "client/cli/common.h"

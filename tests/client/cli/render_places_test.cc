@@ -1,3 +1,4 @@
+// Where renders are written. Names are written by hand.
 #include "client/cli/render_places.h"
 
 #include <gtest/gtest.h>

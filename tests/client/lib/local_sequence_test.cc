@@ -1,3 +1,4 @@
+// Recordings on disk. Which files belong to one, and their bytes, are what the test wrote.
 #include "client/lib/local_sequence.h"
 
 #include <gmock/gmock.h>

@@ -1,3 +1,4 @@
+// Images, threads and files' errors. Values are known by definition.
 #include <atomic>
 #include <cerrno>
 #include <vector>

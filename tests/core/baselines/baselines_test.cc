@@ -1,3 +1,4 @@
+// Baselines on clips drawn by formula, whose depth is known at every time.
 #include "core/baselines/baselines.h"
 
 #include <algorithm>

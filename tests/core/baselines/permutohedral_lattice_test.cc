@@ -1,3 +1,4 @@
+// The lattice against the Gaussian filter it approximates, summed directly.
 #include "core/baselines/permutohedral_lattice.h"
 
 #include <algorithm>

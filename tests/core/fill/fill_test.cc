@@ -1,3 +1,4 @@
+// Cleaning of depth maps whose mixtures, holes and noise were planted; medians against sorting.
 #include <algorithm>
 #include <cmath>
 #include <random>

@@ -1,3 +1,4 @@
+// The noise model that comes back is the one that was planted.
 #include "core/fill/noise_samples.h"
 
 #include <random>

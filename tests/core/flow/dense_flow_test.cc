@@ -1,3 +1,4 @@
+// Flow between textures that were moved by a known shift.
 #include "core/flow/dense_flow.h"
 
 #include <cmath>

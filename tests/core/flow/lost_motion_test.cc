@@ -1,3 +1,4 @@
+// A ball drawn at known places: its motion, and where flow alone must lose it.
 #include "core/flow/lost_motion.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Projection and its inverse must undo one another.
 #include "core/geometry/camera.h"
 
 #include "gtest/gtest.h"

@@ -1,3 +1,4 @@
+// Files on disk. Known: the bytes written, and what the kernel says of full disks, pipes and names.
 #include "core/io/file.h"
 
 #include <sys/resource.h>

@@ -1,3 +1,4 @@
+// Flow files against bytes made by the formats' definitions.
 #include "core/io/flo.h"
 
 #include <cstring>

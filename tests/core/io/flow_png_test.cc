@@ -1,3 +1,4 @@
+// KITTI's flow PNG against the formula of its development kit.
 #include "core/io/flow_png.h"
 
 #include <limits>

@@ -1,3 +1,4 @@
+// Lists of frames, written by hand and by chance (rapidcheck); what is written must be read.
 #include "core/io/frame_list.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// JPEG against the image that was encoded, within what quantisation may change, and against libjpeg.
 #include "core/io/jpeg.h"
 
 #include <cstdio>

@@ -1,3 +1,4 @@
+// Archives: what is written must be read; one comes from NumPy; halves follow IEEE 754's formula.
 #include "core/io/npz.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// PNG is lossless, so every bit must come back; files of other writers are built chunk by chunk (RFC 2083).
 #include "core/io/png.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Stored depth and metres, over all 65,536 values.
 #include "core/io/quantise.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// Result folders: what is written must be read, and files are as the documentation says.
 #include "core/io/result_folder.h"
 
 #include <nlohmann/json.hpp>

@@ -1,3 +1,4 @@
+// Sequence folders: what is written must be read, and exactly the damage that was done must be named.
 #include "core/io/sequence_folder.h"
 
 #include <atomic>

@@ -1,3 +1,4 @@
+// Videos, decoded by libav alone: what comes out is what went in.
 #include "core/io/video.h"
 
 #include <gmock/gmock.h>

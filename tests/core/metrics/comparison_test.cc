@@ -1,3 +1,4 @@
+// Scores of methods on depth steps whose errors are counted by hand.
 #include "core/metrics/comparison.h"
 
 #include <cmath>

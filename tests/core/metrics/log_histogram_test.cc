@@ -1,3 +1,4 @@
+// Quantiles against sorting.
 #include "core/metrics/log_histogram.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Regions of depth steps, bars and plain walls, counted by hand.
 #include "core/metrics/regions.h"
 
 #include <algorithm>

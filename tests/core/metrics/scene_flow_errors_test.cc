@@ -1,3 +1,4 @@
+// Errors of scene flow against arithmetic by hand.
 #include "core/metrics/scene_flow_errors.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// Scores against arithmetic by hand, and against sums and sorting over whole lists.
 #include "core/metrics/scores.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Surfaces moved by known amounts: planes are affine in inverse depth, so they are drawn exactly.
 #include "core/raster/surface_raster.h"
 
 #include "gtest/gtest.h"

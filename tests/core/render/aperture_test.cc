@@ -1,3 +1,4 @@
+// Shapes of apertures against their areas in closed form.
 #include "core/render/aperture.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// Depth of field against convolution with a disc, and against rays through a real lens.
 #include "core/render/depth_of_field.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Focus on things whose distance is known in closed form at every time.
 #include "core/render/focus.h"
 
 #include <cmath>

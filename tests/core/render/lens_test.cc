@@ -1,3 +1,4 @@
+// The thin lens by hand.
 #include "core/render/lens.h"
 
 #include <limits>

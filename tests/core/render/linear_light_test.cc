@@ -1,3 +1,4 @@
+// sRGB against the standard's formula.
 #include "core/render/linear_light.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// Rigid motions fitted to matches that were made by a known one.
 #include "core/sceneflow/rigid_motion.h"
 
 #include <Eigen/Geometry>

@@ -1,3 +1,4 @@
+// Scene flow of painted planes and bars whose motion is known in closed form.
 #include "core/sceneflow/scene_flow.h"
 
 #include <Eigen/Geometry>

@@ -1,3 +1,4 @@
+// Windows on walls that move by a known shift.
 #include "core/sceneflow/surface_windows.h"
 
 #include <array>

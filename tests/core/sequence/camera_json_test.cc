@@ -1,3 +1,4 @@
+// Cameras in JSON: what is written must be read, and the field that was spoilt must be named.
 #include "core/sequence/camera_json.h"
 
 #include "tests/core/io/io_fixtures.h"

@@ -1,3 +1,4 @@
+// Sentences and JSON of a clock, by hand.
 #include "core/sequence/clock_estimate.h"
 
 #include <nlohmann/json.hpp>

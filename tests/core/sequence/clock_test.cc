@@ -1,3 +1,4 @@
+// Clocks whose offset, drift and jitter the test put in.
 #include "core/sequence/clock.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// JSON of a self-check: what is written must be read.
 #include "core/sequence/self_check.h"
 
 #include "gmock/gmock.h"

@@ -1,3 +1,4 @@
+// Stamps and intervals. Digits are exact, and intervals cover each frame once by definition.
 #include "core/sequence/sequence.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// The clock of a clip, through JSON bit for bit, and in the stamps it gives.
 #include "core/session/clip_clock.h"
 
 #include <nlohmann/json.hpp>

@@ -1,3 +1,4 @@
+// Evaluation of clips whose depth is a formula, so that each baseline's error is known by hand.
 #include "core/session/evaluation.h"
 
 #include <cmath>

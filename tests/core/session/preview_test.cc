@@ -1,3 +1,4 @@
+// Colours and layouts of previews, by the definitions of the maps.
 #include "core/session/preview.h"
 
 #include <gmock/gmock.h>

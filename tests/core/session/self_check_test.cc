@@ -1,3 +1,4 @@
+// A self-check must give the numbers of the leave-out experiment that it stands for.
 #include "core/session/self_check.h"
 
 #include <gmock/gmock.h>

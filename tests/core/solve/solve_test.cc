@@ -1,3 +1,4 @@
+// The joint solve on planes whose motion is known in closed form.
 #include "core/solve/solve.h"
 
 #include <algorithm>

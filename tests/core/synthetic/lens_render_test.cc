@@ -1,3 +1,4 @@
+// Pictures through a lens against the circle of confusion.
 #include "core/synthetic/lens_render.h"
 
 #include <algorithm>

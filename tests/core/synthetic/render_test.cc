@@ -1,3 +1,4 @@
+// The synthetic world must agree with itself: depth, flow and scene flow of two times tell the same.
 #include "core/synthetic/render.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// The sensor's noise against the model that it states.
 #include "core/synthetic/sensor.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Rays against shapes: a walk along the ray tells where the inside begins.
 #include "core/synthetic/shapes.h"
 
 #include <algorithm>

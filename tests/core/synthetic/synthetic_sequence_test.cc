@@ -1,3 +1,4 @@
+// Recordings that are rendered: stamps by arithmetic, files as their documentation says.
 #include "core/synthetic/synthetic_sequence.h"
 
 #include <algorithm>

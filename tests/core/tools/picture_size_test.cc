@@ -1,3 +1,4 @@
+// Sizes of pictures on the command line, by hand.
 #include "core/tools/picture_size.h"
 
 #include "gmock/gmock.h"

@@ -1,3 +1,4 @@
+// The command against the scene's true motion, and against tasks that do the same.
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <string>

@@ -1,3 +1,4 @@
+// Causal mode on clips whose depth is known at every time, drawn by formula or rendered.
 #include "core/upsample/causal.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// Surfaces of keys on planes that move by known amounts.
 #include "core/upsample/key_surface.h"
 
 #include <cmath>

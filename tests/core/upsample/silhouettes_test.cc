@@ -1,3 +1,4 @@
+// Silhouettes of a box whose edges are known; depth was moved off them on purpose.
 #include "core/upsample/silhouettes.h"
 
 #include <cmath>

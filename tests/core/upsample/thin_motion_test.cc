@@ -1,3 +1,4 @@
+// A bar that moves by a known step, and flow that has lost it on purpose.
 #include "core/upsample/thin_motion.h"
 
 #include <algorithm>

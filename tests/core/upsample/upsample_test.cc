@@ -1,3 +1,4 @@
+// Stages and presets on clips whose depth is known at every time, drawn by formula or rendered.
 #include <cmath>
 #include <cstring>
 #include <random>

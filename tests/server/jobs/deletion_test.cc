@@ -1,3 +1,4 @@
+// The order of deleting, from the calls that it makes.
 #include "server/jobs/deletion.h"
 
 #include <algorithm>

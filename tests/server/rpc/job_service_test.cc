@@ -1,3 +1,4 @@
+// Jobs over a real connection, with fake_core: what the interface's documentation promises.
 #include <set>
 #include <thread>
 

@@ -1,3 +1,4 @@
+// Outputs over a real connection: every byte must be the stored file's.
 #include <zstd.h>
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// Uploads over a real connection: what is stored must be what was sent, whatever went wrong on the way.
 #include <algorithm>
 #include <random>
 #include <set>

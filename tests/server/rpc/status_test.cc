@@ -1,3 +1,4 @@
+// Errors as clients see them, against the interface's documentation.
 #include "server/rpc/status.h"
 
 #include <gmock/gmock.h>

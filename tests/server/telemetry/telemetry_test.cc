@@ -1,3 +1,4 @@
+// Log lines and health, written by hand.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
