@@ -3,8 +3,10 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <set>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -61,6 +63,15 @@ absl::Status ChildError(const Task& task, const ChildOutcome& outcome, const std
   const absl::string_view output = absl::StripAsciiWhitespace(outcome.error_output);
   return absl::InternalError(
       absl::StrCat(what, ": ", outcome.Describe(), output.empty() ? "" : absl::StrCat("; its last output: ", output)));
+}
+
+// Removes what a child that was killed left half-written in a result: core renames such files when they are whole.
+void RemoveUnfinished(const std::string& out) {
+  namespace fs = std::filesystem;
+  std::error_code error, ignored;
+  for (fs::recursive_directory_iterator entry(out, error), end; !error && entry != end; entry.increment(error)) {
+    if (entry->path().extension() == ".tmp") fs::remove(entry->path(), ignored);
+  }
 }
 
 void LimitViolations(ValidationResult& result) {
@@ -214,6 +225,7 @@ absl::StatusOr<TaskPaths> TaskRunner::WriteOrder(const Task& task, const JobReco
       break;
     case TaskKind::kAssemble:
       paths.out = directory_.OutFolder(task.job_id);
+      RemoveUnfinished(paths.out);
       if (!job.self_check) break;
       paths.self_check = folder + "/self_check.json";
       RETURN_IF_ERROR(WriteScratchFile(paths.self_check, ToJson(*job.self_check).dump()));
@@ -321,6 +333,7 @@ TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_to
   TaskOutcome outcome;
   // An error on our side of the work, such as a full disk, is judged as one of the child's.
   outcome.error = Attempt(task, job, stop, events, outcome);
+  if (!outcome.error.ok() && task.kind == TaskKind::kAssemble) RemoveUnfinished(directory_.OutFolder(task.job_id));
   outcome.retry = !outcome.error.ok() && !outcome.stopped && WorthRetrying(outcome.error.code());
   return outcome;
 }

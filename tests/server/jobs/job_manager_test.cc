@@ -452,6 +452,34 @@ TEST_F(JobManagerTest, SceneFlowIsMadeWithProgress) {
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
 }
 
+// As core writes: under a name that ends in .tmp until a file is whole. Planted after the child and, as a server that
+// was killed leaves them, while none runs.
+TEST_F(JobManagerTest, WhatAnAssembleLeftHalfWrittenGoes) {
+  Start();
+  const std::string sequence = ReadySequence("wait_flow 3\n");
+  const std::string job =
+      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"scene_flow":true})"}, "", false)).record.id;
+  const std::string out = directory_->OutFolder(job);
+  const auto plant = [&] {
+    for (const char* name : {"/report.json.77-1.tmp", "/sceneflow/000001.npz.77-2.tmp"}) WriteText(out + name, "half");
+  };
+  const auto planted = [&] {
+    return std::filesystem::exists(out + "/report.json.77-1.tmp") ||
+           std::filesystem::exists(out + "/sceneflow/000001.npz.77-2.tmp");
+  };
+  WaitUntil([&] { return View(job).progress.stage == "scene flow, frame 3 of 5"; });
+  plant();
+  Close();
+  EXPECT_FALSE(planted());
+  plant();
+  OpenStores(folder_ / "data");
+  Go(sequence);
+  StartJobs();
+  ASSERT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
+  EXPECT_FALSE(planted());
+  EXPECT_EQ(Frame(job, "sceneflow", "000004"), "scene flow 4");
+}
+
 // Frames and intervals as of an upsampling, under other names, some in a folder of folders; no depth, so no pictures.
 TEST_F(JobManagerTest, SceneFlowJobResumesAndHasNoDepth) {
   Start();
