@@ -115,7 +115,9 @@ absl::Status Serve(const ServeOptions& options) {
       DataDirectory::Open(options.data_dir, {.keep_quarantine = absl::Hours(24) * options.quarantine_days}));
   ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenSqliteStore(directory->DatabaseFile(), options.limits));
   const std::unique_ptr<BlobStore> blobs = MakeFolderBlobStore(*directory);
-  absl::StatusOr<std::unique_ptr<JobManager>> started = JobManager::Start(*directory, *store, options.jobs);
+  JobManagerOptions job_options = options.jobs;
+  job_options.min_free_bytes = options.limits.reserved_disk_bytes;
+  absl::StatusOr<std::unique_ptr<JobManager>> started = JobManager::Start(*directory, *store, job_options);
   if (absl::IsNotFound(started.status()) || absl::IsPermissionDenied(started.status())) {
     return WithContext(started.status(), "--core-binary");
   }
@@ -206,7 +208,7 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->group(limits);
   command
       ->add_option("--reserved-disk-bytes", options.limits.reserved_disk_bytes,
-                   "Refuse uploads that would leave less space free")
+                   "Refuse uploads that would leave less space free, and begin no work while there is less")
       ->transform(size)
       ->transform(AtLeast(0))
       ->type_name("SIZE")

@@ -34,6 +34,7 @@ namespace fs = std::filesystem;
 constexpr absl::Duration kStageGap = absl::Milliseconds(200);
 // How long a worker waits before it asks a store again that has just failed, for instance because the disk is full.
 constexpr std::chrono::seconds kStoreRetryGap{1};
+constexpr absl::Duration kDiskAlarmGap = absl::Minutes(1);
 // Planning reads lists and no frames, which takes milliseconds. It blocks a thread that answers calls, so only a few
 // may wait for it.
 constexpr absl::Duration kPlanTime = absl::Seconds(20);
@@ -114,6 +115,9 @@ class Manager : public JobManager {
   // A worker: claims and runs until it is told to stop.
   void Work(const std::stop_token& stop);
   std::optional<Task> ClaimOrWait(const std::stop_token& stop);
+  // Whether work may begin as far as the disk goes. Raises the alarm, now and then, if not. With changes_ held.
+  bool DiskHasRoom();
+  bool IsForWantOfRoom(const absl::Status& error) const;
   void RunTask(const Task& task, const std::stop_token& stop);
   void Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop);
   absl::Status RecordOutcome(const Task& task, const TaskOutcome& outcome);
@@ -144,6 +148,8 @@ class Manager : public JobManager {
   std::map<int64_t, Running> running_;                                  // guarded by changes_; by task number
   std::map<std::string, ValidationProgress, std::less<>> validations_;  // guarded by changes_; by sequence id
   int64_t wakes_ = 0;                                                   // guarded by changes_
+  absl::Time begin_nothing_before_ = absl::InfinitePast();              // guarded by changes_: the disk was full
+  absl::Time next_disk_alarm_ = absl::InfinitePast();                   // guarded by changes_
   std::condition_variable_any work_;
 
   Errands errands_;                    // frames on demand
@@ -341,9 +347,33 @@ void Manager::Work(const std::stop_token& stop) {
   }
 }
 
+bool Manager::DiskHasRoom() {
+  if (options_.min_free_bytes == 0) return true;
+  const absl::Time now = absl::Now();
+  const absl::StatusOr<int64_t> free_bytes = directory_.FreeBytes();
+  if (now >= begin_nothing_before_ && (!free_bytes.ok() || *free_bytes >= options_.min_free_bytes)) return true;
+  if (now >= next_disk_alarm_) {
+    LogError("disk full: no work is begun until there is room; free some, or delete jobs and recordings",
+             {{"free_bytes", absl::StrCat(free_bytes.value_or(-1))},
+              {"needed_bytes", absl::StrCat(options_.min_free_bytes)}});
+    next_disk_alarm_ = now + kDiskAlarmGap;
+  }
+  return false;
+}
+
+bool Manager::IsForWantOfRoom(const absl::Status& error) const {
+  if (options_.min_free_bytes == 0 || !absl::IsResourceExhausted(error)) return false;
+  const absl::StatusOr<int64_t> free_bytes = directory_.FreeBytes();
+  return free_bytes.ok() && *free_bytes < options_.min_free_bytes;
+}
+
 std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   std::unique_lock lock(changes_);
   if (stop.stop_requested()) return std::nullopt;
+  if (!DiskHasRoom()) {
+    work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
+    return std::nullopt;
+  }
   absl::StatusOr<std::optional<Task>> claimed = store_.ClaimTask(
       [this](const JobRecord& job, TaskKind kind) { return IntervalsPerBatch(job, kind, options_.workers); });
   if (claimed.ok() && claimed->has_value()) {
@@ -388,8 +418,13 @@ void Manager::RunTask(const Task& task, const std::stop_token& stop) {
                                  },
                              .on_interval = [&](const PlannedInterval& interval,
                                                 double seconds) { return OnInterval(task, interval, seconds); }};
-  const TaskOutcome outcome =
+  TaskOutcome outcome =
       job.ok() ? runner_.Run(task, *job, task_stop, events) : TaskOutcome{.error = job.status(), .retry = true};
+  if (!outcome.stopped && IsForWantOfRoom(outcome.error)) {
+    outcome.stopped = true;  // given back: it is nobody's fault
+    const std::lock_guard lock(changes_);
+    begin_nothing_before_ = absl::Now() + options_.full_disk_pause;
+  }
   Log(outcome.error.ok() || outcome.stopped ? LogLevel::kInfo : LogLevel::kWarning, "task ended",
       {{"task", absl::StrCat(task.number)}, {"job", task.job_id}, {"status", Words(outcome.error)}});
   // Before its end is recorded: on a full disk the record may need the room.
@@ -489,6 +524,7 @@ absl::Status JobManagerOptions::Validate() const {
   if (frame_render_time <= absl::ZeroDuration()) {
     return bad("frame_render_time", absl::FormatDuration(frame_render_time), "> 0");
   }
+  if (min_free_bytes < 0) return bad("min_free_bytes", min_free_bytes, ">= 0 (0 = no limit)");
   if (grace < absl::ZeroDuration()) return bad("grace", absl::FormatDuration(grace), ">= 0");
   return absl::OkStatus();
 }

@@ -39,6 +39,10 @@ struct JobManagerOptions {
   int frame_renderers = 2;
   absl::Duration frame_render_time = absl::Seconds(30);
 
+  // While the disk has less free than this, no work is begun, and work that fails for want of room is given back
+  // instead of failing; 0: no such limit. After such a failure nothing is begun for the pause, however much is free.
+  int64_t min_free_bytes = 0;
+  absl::Duration full_disk_pause = absl::Seconds(10);
   // Go on although the store is new and the folder has recordings or jobs (inventory.h).
   bool accept_new_store = false;
 

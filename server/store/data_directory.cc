@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <array>
@@ -143,6 +144,12 @@ DataDirectory::~DataDirectory() {
   sweeper_.request_stop();
   sweeper_.join();
   close(lock_fd_);
+}
+
+absl::StatusOr<int64_t> DataDirectory::FreeBytes() const {
+  struct statvfs space {};
+  if (statvfs(path_.c_str(), &space) != 0) return ErrnoStatus(errno, "statvfs " + path_);
+  return static_cast<int64_t>(space.f_bavail) * static_cast<int64_t>(space.f_frsize);
 }
 
 absl::Status DataDirectory::WithoutPath(const absl::Status& status) const {

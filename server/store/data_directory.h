@@ -56,6 +56,9 @@ class DataDirectory {
   std::string OutFolder(std::string_view job_id) const { return JobFolder(job_id) + "/out"; }
   std::string TaskFolder(int64_t number) const { return Join("/tasks/", std::to_string(number)); }
 
+  // What the disk under the folder has left for this process.
+  absl::StatusOr<int64_t> FreeBytes() const;
+
   // The status for readers outside: paths in this folder are relative to it, "jobs/7/out/report.json", and the folder
   // itself is "the data folder".
   absl::Status WithoutPath(const absl::Status& status) const;

@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
-#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -80,11 +79,7 @@ class FolderBlobStore : public BlobStore {
     return directory_.Discard(directory_.SequenceFolder(sequence_id));
   }
 
-  absl::StatusOr<int64_t> FreeBytes() override {
-    struct statvfs space {};
-    if (statvfs(directory_.path().c_str(), &space) != 0) return ErrnoStatus(errno, "statvfs " + directory_.path());
-    return static_cast<int64_t>(space.f_bavail) * static_cast<int64_t>(space.f_frsize);
-  }
+  absl::StatusOr<int64_t> FreeBytes() override { return directory_.FreeBytes(); }
 
  private:
   std::string File(std::string_view sequence_id, std::string_view path) const {

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <set>
 
+#include "server/jobs/inventory.h"
 #include "tests/server/jobs/jobs_fixture.h"
 
 namespace depthtween::server {
@@ -150,6 +151,33 @@ TEST_F(JobManagerTest, FullDiskFailsTheTaskAndHarmsNothingElse) {
   std::filesystem::remove(disk.path() + "/filler");
   EXPECT_THAT(jobs_->Retry(job), IsOk());
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  Close();
+}
+
+// With a limit on free space a full disk fails nothing: what fails for want of room is given back, what waits stays
+// queued, and both are done once there is room.
+TEST_F(JobManagerTest, FullDiskMakesTheQueueWait) {
+  const SmallDisk disk("4m");
+  ASSERT_TRUE(disk.mounted()) << kNeedsMount;
+  OpenStores(disk.path());
+  StartJobs(1, {.min_free_bytes = 700 << 10, .full_disk_pause = absl::Milliseconds(10)});
+  const std::string ready = ReadySequence();
+  const std::string sequence = ReadySequence("wait_at 1\nfill_at 1\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] { return View(job).record.intervals_done == 1; });
+  std::vector<std::string> waiting;
+  for (int i = 0; i < 5; ++i) waiting.push_back(NewJobOn(ready));
+  const int64_t filler = Take(blobs_->FreeBytes()) - (512 << 10);
+  ASSERT_GT(filler, 0);
+  WriteText(disk.path() + "/filler", std::string(static_cast<size_t>(filler), 'x'));
+  Go(sequence);
+  WaitUntil([&] { return NamesIn(disk.path() + "/tasks").empty(); });
+  EXPECT_EQ(State(job), JobState::kRunning);
+  for (const std::string& id : waiting) EXPECT_EQ(State(id), JobState::kQueued);
+  EXPECT_EQ(Take(sequences_->Get(ready)).id, ready) << "reads go on";
+  std::filesystem::remove(disk.path() + "/filler");
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
+  for (const std::string& id : waiting) EXPECT_EQ(Ended(id).record.state, JobState::kSucceeded);
   Close();
 }
 
