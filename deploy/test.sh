@@ -48,7 +48,7 @@ style() {
 }
 
 tidy() {
-  deploy/tidy.sh --recent 12
+  deploy/tidy.sh --recent 8
 }
 
 suite() {

@@ -35,7 +35,7 @@ namespace depthtween::server {
 namespace {
 
 constexpr char kVersion[] = "depthtween-server " DEPTHTWEEN_VERSION;
-const std::map<std::string, LogLevel> kLogLevels = {{"debug", LogLevel::kDebug},
+const std::map<std::string, LogLevel> log_levels = {{"debug", LogLevel::kDebug},
                                                     {"info", LogLevel::kInfo},
                                                     {"warning", LogLevel::kWarning},
                                                     {"error", LogLevel::kError}};
@@ -229,7 +229,7 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   const std::string log = "Log";
   command->add_flag("--log-json", options.log.json, "Log JSON, one object a line")->group(log);
   command->add_option("--log-level", options.log.level, "debug, info, warning or error")
-      ->transform(CLI::CheckedTransformer(kLogLevels))
+      ->transform(CLI::CheckedTransformer(log_levels))
       ->type_name("LEVEL")
       ->default_str("info")
       ->group(log);
@@ -284,4 +284,6 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace depthtween::server
 
+// What may still be thrown, before the flags are parsed, is that there is no memory.
+// NOLINTNEXTLINE(bugprone-exception-escape)
 int main(int argc, char** argv) { return depthtween::server::Main(argc, argv); }

@@ -169,7 +169,7 @@ absl::Status Manager::CleanUpAndStart() {
   for (const std::string& task : tasks) RETURN_IF_ERROR(directory_.Discard(directory_.TasksFolder() + "/" + task));
   RETURN_IF_ERROR(QuarantineWhatHasNoRecord(directory_, store_));
   for (int i = 0; i < options_.workers; ++i) {
-    workers_.emplace_back([this](std::stop_token stop) { Work(stop); });
+    workers_.emplace_back([this](const std::stop_token& stop) { Work(stop); });
   }
   return absl::OkStatus();
 }

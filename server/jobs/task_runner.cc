@@ -97,7 +97,7 @@ absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, co
   if (!rendered && KeepsMotion(job)) {
     for (const FrameRecord& frame : frames) {
       const std::string name = kMotionFolder + frame.stem + ".npz";
-      if (const absl::Status moved = MoveFile(from + name, to + name); !moved.ok() && !absl::IsNotFound(moved)) {
+      if (absl::Status moved = MoveFile(from + name, to + name); !moved.ok() && !absl::IsNotFound(moved)) {
         return moved;
       }
     }
@@ -329,7 +329,8 @@ absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const s
   return TakeAnswer(task, job, paths, outcome);
 }
 
-TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, std::stop_token stop, const TaskEvents& events) {
+TaskOutcome TaskRunner::Run(const Task& task, const JobRecord& job, const std::stop_token& stop,
+                            const TaskEvents& events) {
   TaskOutcome outcome;
   // An error on our side of the work, such as a full disk, is judged as one of the child's.
   outcome.error = Attempt(task, job, stop, events, outcome);

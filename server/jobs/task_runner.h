@@ -45,7 +45,7 @@ class TaskRunner {
 
   // Returns when the child has ended. `job` is for all but validate tasks.
   // Threads: may be called concurrently, for different tasks. The child dies with the calling thread.
-  TaskOutcome Run(const Task& task, const JobRecord& job, std::stop_token stop, const TaskEvents& events);
+  TaskOutcome Run(const Task& task, const JobRecord& job, const std::stop_token& stop, const TaskEvents& events);
 
  private:
   // Run, but for its verdict on the error that is returned. Fills the outcome's other fields.

@@ -61,7 +61,7 @@ absl::Status WriteMarker(const std::string& folder, const std::string& text) {
   if (rename(draft.c_str(), marker.c_str()) != 0) return ErrnoStatus(errno, "create " + marker);
   const int parent = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   const bool synced = parent >= 0 && fsync(parent) == 0;
-  const absl::Status kept = synced ? absl::OkStatus() : ErrnoStatus(errno, "sync " + folder);
+  absl::Status kept = synced ? absl::OkStatus() : ErrnoStatus(errno, "sync " + folder);
   if (parent >= 0) close(parent);
   return kept;
 }

@@ -110,7 +110,7 @@ class Database {
       RollBack();
       return result;
     }
-    if (const absl::Status status = Run("COMMIT"); !status.ok()) {
+    if (absl::Status status = Run("COMMIT"); !status.ok()) {
       RollBack();
       return status;
     }
