@@ -117,7 +117,7 @@ class Manager : public JobManager {
   std::optional<Task> ClaimOrWait(const std::stop_token& stop);
   // Whether work may begin as far as the disk goes. Raises the alarm, now and then, if not. With changes_ held.
   bool DiskHasRoom();
-  bool IsForWantOfRoom(const absl::Status& error) const;
+  bool RanOutOfSpace(const absl::Status& error) const;
   void RunTask(const Task& task, const std::stop_token& stop);
   void Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop);
   absl::Status RecordOutcome(const Task& task, const TaskOutcome& outcome);
@@ -361,7 +361,7 @@ bool Manager::DiskHasRoom() {
   return false;
 }
 
-bool Manager::IsForWantOfRoom(const absl::Status& error) const {
+bool Manager::RanOutOfSpace(const absl::Status& error) const {
   if (options_.min_free_bytes == 0 || !absl::IsResourceExhausted(error)) return false;
   const absl::StatusOr<int64_t> free_bytes = directory_.FreeBytes();
   return free_bytes.ok() && *free_bytes < options_.min_free_bytes;
@@ -420,7 +420,7 @@ void Manager::RunTask(const Task& task, const std::stop_token& stop) {
                                                 double seconds) { return OnInterval(task, interval, seconds); }};
   TaskOutcome outcome =
       job.ok() ? runner_.Run(task, *job, task_stop, events) : TaskOutcome{.error = job.status(), .retry = true};
-  if (!outcome.stopped && IsForWantOfRoom(outcome.error)) {
+  if (!outcome.stopped && RanOutOfSpace(outcome.error)) {
     outcome.stopped = true;  // given back: it is nobody's fault
     const std::lock_guard lock(changes_);
     begin_nothing_before_ = absl::Now() + options_.full_disk_pause;

@@ -39,8 +39,8 @@ struct JobManagerOptions {
   int frame_renderers = 2;
   absl::Duration frame_render_time = absl::Seconds(30);
 
-  // While the disk has less free than this, no work is begun, and work that fails for want of room is given back
-  // instead of failing; 0: no such limit. After such a failure nothing is begun for the pause, however much is free.
+  // While less is free on the disk, no task starts, and a task that runs out of space is queued again instead of
+  // failing; 0: no such limit. After a task ran out of space, none starts for the length of the pause.
   int64_t min_free_bytes = 0;
   absl::Duration full_disk_pause = absl::Seconds(10);
   // Go on although the store is new and the folder has recordings or jobs (inventory.h).

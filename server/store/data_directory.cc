@@ -16,6 +16,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
@@ -114,12 +115,9 @@ absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::st
         absl::StrCat("the data folder ", absolute, " is in use by the server with process id ",
                      owner.empty() ? "(unknown)" : owner, "; stop it, or choose another --data-dir"));
   }
-  const std::string pid = absl::StrCat(getpid(), "\n");
-  if (ftruncate(fd, 0) != 0 || pwrite(fd, pid.data(), pid.size(), 0) != static_cast<ssize_t>(pid.size())) {
-    const absl::Status status = ErrnoStatus(errno, "write " + lock);
-    close(fd);
-    return status;
-  }
+  // For whoever finds the folder in use; a full disk, which may have no space for it, is no reason not to start.
+  const std::string pid = absl::StrFormat("%-10d\n", getpid());
+  [[maybe_unused]] const ssize_t written = pwrite(fd, pid.data(), pid.size(), 0);
   absl::StatusOr<std::string> id = ReadOrMakeMarker(absolute);
   for (const char* folder : {"/sequences", "/jobs", "/tasks", "/trash", "/quarantine"}) {
     if (!id.ok()) break;

@@ -61,6 +61,9 @@ absl::StatusOr<std::unique_ptr<Database>> Database::Open(const std::string& file
   if (code != SQLITE_OK) return WithContext(database->Error("open"), file);
   sqlite3_extended_result_codes(connection, 1);
   sqlite3_busy_timeout(connection, kLockPatienceMs);
+  // The log's files stay when the database is closed: on a full disk there would be no space to make them again.
+  int keep_log = 1;
+  sqlite3_file_control(connection, "main", SQLITE_FCNTL_PERSIST_WAL, &keep_log);
   for (const char* pragma : {"PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON",
                              "PRAGMA trusted_schema = OFF"}) {
     RETURN_IF_ERROR(WithContext(database->Run(pragma), file));

@@ -154,8 +154,8 @@ TEST_F(JobManagerTest, FullDiskFailsTheTaskAndHarmsNothingElse) {
   Close();
 }
 
-// With a limit on free space a full disk fails nothing: what fails for want of room is given back, what waits stays
-// queued, and both are done once there is room.
+// With a limit on free space a full disk fails no job. The task that ran out of space is queued again, other jobs stay
+// queued, and all succeed once there is space.
 TEST_F(JobManagerTest, FullDiskMakesTheQueueWait) {
   const SmallDisk disk("4m");
   ASSERT_TRUE(disk.mounted()) << kNeedsMount;
@@ -178,6 +178,25 @@ TEST_F(JobManagerTest, FullDiskMakesTheQueueWait) {
   std::filesystem::remove(disk.path() + "/filler");
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
   for (const std::string& id : waiting) EXPECT_EQ(Ended(id).record.state, JobState::kSucceeded);
+  Close();
+}
+
+// A server that starts again where nothing can be written: jobs are there to be read and deleted.
+TEST_F(JobManagerTest, StartsOnAFullDisk) {
+  const SmallDisk disk("3m");
+  ASSERT_TRUE(disk.mounted()) << kNeedsMount;
+  OpenStores(disk.path());
+  StartJobs();
+  const std::string job = NewJobOn(ReadySequence());
+  ASSERT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  Close();
+  WriteText(disk.path() + "/filler", std::string(4 << 20, 'x'));  // as much of it as there is room for
+  OpenStores(disk.path());
+  ASSERT_LT(Take(blobs_->FreeBytes()), 16 << 10);
+  StartJobs(1, {.min_free_bytes = 700 << 10});
+  EXPECT_EQ(State(job), JobState::kSucceeded);
+  EXPECT_EQ(Frame(job, "depth", "000001"), "depth 1");
+  EXPECT_THAT(jobs_->Delete(job), IsOk());
   Close();
 }
 

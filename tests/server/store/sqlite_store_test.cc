@@ -152,6 +152,7 @@ TEST(SqliteStore, FullDiskIsAStatusAndHarmsNothing) {
   absl::Status failure;
   for (int made = 0; made < 1000 && failure.ok(); ++made) failure = store->CreateSequence("", "").status();
   EXPECT_THAT(failure, HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
+  store.reset();
   store = Take(OpenSqliteStore(disk.path() + "/s.sqlite", {}));  // a server starts there, too
   EXPECT_EQ(Take(store->GetSequence(before.id)).display_name, "before");
   std::filesystem::remove(disk.path() + "/filler");
