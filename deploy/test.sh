@@ -35,6 +35,7 @@ processor_seconds() {
 slowest_files() {
   local log
   for log in build/*/.ninja_log; do
+    [[ -f $log ]] || continue
     awk -F '\t' -v preset="$(basename "$(dirname "$log")")" \
       'NR > 1 { took[$4] = ($2 - $1) / 1000 } END { for (file in took) printf "%7.1f  %-6s %s\n", took[file], preset, file }' "$log"
   done | sort --numeric-sort --reverse | head -n 20

@@ -18,7 +18,7 @@ recent_sources() {
 
 deploy/install-packages.sh build test
 if [[ ${1:-} == --recent ]]; then
-  mapfile -t files < <(recent_sources | head -n "$2")
+  mapfile -t files < <(recent_sources | head -n "${2:?--recent needs a number: how many sources}")
   if ((${#files[@]} == 0)); then
     say "NOTHING IS CHECKED: the checkout has no history that tells what changed; for all: deploy/tidy.sh"
     exit 0

@@ -27,7 +27,7 @@ extern "C" {  // which the header of glibc 2.36 leaves out
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
-#include "server/jobs/files.h"
+#include "server/store/files.h"
 
 namespace depthtween::server {
 namespace {

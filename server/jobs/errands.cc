@@ -7,9 +7,9 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
 #include "server/jobs/child_process.h"
-#include "server/jobs/files.h"
 #include "server/jobs/task_protocol.h"
 #include "server/store/error_info.h"
+#include "server/store/files.h"
 
 namespace depthtween::server {
 namespace {

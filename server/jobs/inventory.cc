@@ -1,10 +1,9 @@
 #include "server/jobs/inventory.h"
 
-#include <filesystem>
 #include <optional>
-#include <system_error>
 
 #include "absl/strings/str_cat.h"
+#include "server/store/files.h"
 #include "server/telemetry/log.h"
 
 namespace depthtween::server {
@@ -20,16 +19,6 @@ absl::Status QuarantineOne(DataDirectory& directory, const std::string& folder, 
 }
 
 }  // namespace
-
-std::vector<std::string> NamesIn(const std::string& folder) {
-  namespace fs = std::filesystem;
-  std::vector<std::string> names;
-  std::error_code error;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
-    names.push_back(entry->path().filename());
-  }
-  return names;
-}
 
 absl::Status CheckStoreIsOfFolder(const DataDirectory& directory, Store& store, bool accept_new_store) {
   ASSIGN_OR_RETURN(const std::optional<std::string> id, store.FolderId());

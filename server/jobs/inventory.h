@@ -3,17 +3,11 @@
 #ifndef DEPTHTWEEN_SERVER_JOBS_INVENTORY_H_
 #define DEPTHTWEEN_SERVER_JOBS_INVENTORY_H_
 
-#include <string>
-#include <vector>
-
 #include "core/base/status.h"
 #include "server/store/data_directory.h"
 #include "server/store/store.h"
 
 namespace depthtween::server {
-
-// The names of what lies in a folder; none if there is no such folder.
-std::vector<std::string> NamesIn(const std::string& folder);
 
 // Ties a new store to a folder without recordings and jobs. FailedPrecondition if the store is of another folder, or is
 // new although the folder has recordings or jobs; `accept_new_store` ties it all the same, to go on after a loss.

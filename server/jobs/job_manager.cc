@@ -23,6 +23,7 @@
 #include "server/jobs/task_protocol.h"
 #include "server/jobs/task_runner.h"
 #include "server/store/error_info.h"
+#include "server/store/files.h"
 #include "server/telemetry/log.h"
 
 namespace depthtween::server {

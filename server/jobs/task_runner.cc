@@ -14,8 +14,8 @@
 #include "core/sequence/part_reports.h"
 #include "nlohmann/json.hpp"
 #include "server/jobs/child_process.h"
-#include "server/jobs/files.h"
 #include "server/store/error_info.h"
+#include "server/store/files.h"
 #include "server/store/records_json.h"
 
 namespace depthtween::server {

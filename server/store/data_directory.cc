@@ -20,6 +20,7 @@
 #include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "server/store/files.h"
 #include "server/store/resource_names.h"
 
 namespace depthtween::server {
@@ -51,35 +52,20 @@ absl::Status CheckEmpty(const std::string& folder) {
   return error ? ErrnoStatus(error.value(), "list " + folder) : absl::OkStatus();
 }
 
-absl::Status WriteMarker(const std::string& folder, const std::string& text) {
-  const std::string marker = folder + kMarker, draft = marker + ".new";
-  const int fd = open(draft.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (fd < 0) return ErrnoStatus(errno, "create " + draft);
-  const bool written = write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && fsync(fd) == 0;
-  const absl::Status status = written ? absl::OkStatus() : ErrnoStatus(errno, "write " + draft);
-  close(fd);
-  RETURN_IF_ERROR(status);
-  if (rename(draft.c_str(), marker.c_str()) != 0) return ErrnoStatus(errno, "create " + marker);
-  const int parent = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  const bool synced = parent >= 0 && fsync(parent) == 0;
-  absl::Status kept = synced ? absl::OkStatus() : ErrnoStatus(errno, "sync " + folder);
-  if (parent >= 0) close(parent);
-  return kept;
-}
-
 // The folder's id.
 absl::StatusOr<std::string> ReadOrMakeMarker(const std::string& folder) {
-  const std::string marker = folder + kMarker;
-  const int fd = open(marker.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-  if (fd < 0 && errno == ENOENT) {
-    const std::string id = NewId() + NewId();
-    RETURN_IF_ERROR(WriteMarker(folder, absl::StrCat(kMarkerTitle, "\n", id, "\n")));
-    return id;
+  const std::string marker = folder + kMarker, draft = marker + ".new";
+  absl::StatusOr<std::string> text = ReadWholeFile(marker, /*max_bytes=*/256);
+  if (absl::IsNotFound(text.status())) {
+    text = absl::StrCat(kMarkerTitle, "\n", NewId(), NewId(), "\n");
+    RETURN_IF_ERROR(WriteScratchFile(draft, *text));
+    RETURN_IF_ERROR(SyncFile(draft));
+    RETURN_IF_ERROR(MoveFile(draft, marker));
+    RETURN_IF_ERROR(SyncFolder(folder));
   }
-  if (fd < 0) return ErrnoStatus(errno, "open " + marker);
-  const std::vector<std::string> lines = absl::StrSplit(ReadShortFile(fd), '\n');
-  close(fd);
-  if (lines.size() != 2 || lines[0] != kMarkerTitle || lines[1].empty()) {
+  RETURN_IF_ERROR(text.status());
+  const std::vector<std::string> lines = absl::StrSplit(*text, '\n');
+  if (lines.size() != 3 || lines[0] != kMarkerTitle || lines[1].empty()) {
     return absl::DataLossError(absl::StrCat(marker, " is damaged: it must hold \"", kMarkerTitle,
                                             "\" and, on a second line, the id of the folder"));
   }

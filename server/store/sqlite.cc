@@ -1,6 +1,5 @@
 #include "server/store/sqlite.h"
 
-#include <fcntl.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -8,24 +7,13 @@
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_format.h"
 #include "server/store/error_info.h"
+#include "server/store/files.h"
 
 namespace depthtween::server {
 namespace {
 
 // How long a statement waits for a lock that another process holds, such as a backup or an operator's shell.
 constexpr int kLockPatienceMs = 5000;
-
-// Makes a file and its name durable.
-absl::Status SyncFile(const std::string& file) {
-  for (const std::string& path : {file, file.substr(0, file.rfind('/') + 1) + "."}) {
-    const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-    if (fd < 0) return ErrnoStatus(errno, "open " + path);
-    const absl::Status synced = fsync(fd) == 0 ? absl::OkStatus() : ErrnoStatus(errno, "sync " + path);
-    close(fd);
-    RETURN_IF_ERROR(synced);
-  }
-  return absl::OkStatus();
-}
 
 }  // namespace
 
@@ -117,7 +105,8 @@ absl::StatusOr<int64_t> Database::SchemaVersion() {
 absl::Status Database::CopyTo(const std::string& file) {
   if (unlink(file.c_str()) != 0 && errno != ENOENT) return ErrnoStatus(errno, "replace " + file);
   RETURN_IF_ERROR(WithContext(Run("VACUUM INTO ?", {file}), "copy the database to " + file));
-  return SyncFile(file);
+  RETURN_IF_ERROR(SyncFile(file));
+  return SyncFolder(file.substr(0, file.rfind('/') + 1) + ".");
 }
 
 absl::Status Database::Migrate(const std::vector<std::string>& steps) {

@@ -1,6 +1,7 @@
 // A thin owner of SQLite's C API: one connection, its prepared statements, transactions that roll back by themselves.
 //
-// Errors: ResourceExhausted (DISK_FULL) when the disk is full; DataLoss when the file is damaged or no database;
+// Errors: ResourceExhausted (DISK_FULL) when the disk is full, (SERVER_BUSY) when another process holds a lock for five
+// seconds; DataLoss when the file is damaged or no database;
 // Internal otherwise. Threads: one at a time.
 #ifndef DEPTHTWEEN_SERVER_STORE_SQLITE_H_
 #define DEPTHTWEEN_SERVER_STORE_SQLITE_H_

@@ -1,8 +1,9 @@
 // The server's records of sequences, uploads, jobs and tasks: what must survive kill -9.
 //
 // Every method is one transaction: when it returns OK the change is durable, otherwise nothing has changed.
-// Errors everywhere: NotFound for an unknown id; ResourceExhausted (DISK_FULL) when the disk is full; Internal for a
-// fault of the database. Reasons are those of error_info.h. Threads: all methods may be called concurrently.
+// Errors everywhere: NotFound for an unknown id; ResourceExhausted (DISK_FULL) when the disk is full, (SERVER_BUSY)
+// when another process holds the database for seconds; Internal for a fault of the database. Reasons are those of
+// error_info.h. Threads: all methods may be called concurrently.
 #ifndef DEPTHTWEEN_SERVER_STORE_STORE_H_
 #define DEPTHTWEEN_SERVER_STORE_STORE_H_
 

@@ -2,6 +2,7 @@
 // what the test itself wrote before.
 #include "server/jobs/inventory.h"
 
+#include "server/store/files.h"
 #include "tests/server/jobs/jobs_fixture.h"
 
 namespace depthtween::server {

@@ -6,7 +6,7 @@
 #include <atomic>
 #include <set>
 
-#include "server/jobs/inventory.h"
+#include "server/store/files.h"
 #include "tests/server/jobs/jobs_fixture.h"
 
 namespace depthtween::server {

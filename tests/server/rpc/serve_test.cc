@@ -75,6 +75,17 @@ TEST_F(ServeTest, SaysWhenItIsReadyAndEndsOnSigterm) {
   EXPECT_EQ(ExitCode(), 0);
 }
 
+// Recordings are nobody else's to read, whatever the mask of the shell.
+TEST_F(ServeTest, KeepsItsFilesToItself) {
+  CheckHealth(Serve(), absl::Seconds(60)).IgnoreError();
+  for (const char* name : {"data", "data/sequences", "data/depthtween.sqlite"}) {
+    const auto mode = std::filesystem::status(folder_ / name).permissions();
+    EXPECT_EQ(mode & std::filesystem::perms(077), std::filesystem::perms::none) << name;
+  }
+  kill(pid_, SIGTERM);
+  EXPECT_EQ(ExitCode(), 0);
+}
+
 TEST_F(ServeTest, HealthcheckIsAnExitCode) {
   const std::string address = Serve();
   const pid_t server = std::exchange(pid_, 0);

@@ -1,4 +1,4 @@
-#include "server/jobs/files.h"
+#include "server/store/files.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -11,6 +11,16 @@
 #include "absl/cleanup/cleanup.h"
 
 namespace depthtween::server {
+namespace {
+
+absl::Status Sync(const std::string& path, int flags) {
+  const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC | flags);
+  if (fd < 0) return ErrnoStatus(errno, "open " + path);
+  const absl::Cleanup close_it = [fd] { close(fd); };
+  return fsync(fd) == 0 ? absl::OkStatus() : ErrnoStatus(errno, "sync " + path);
+}
+
+}  // namespace
 
 absl::StatusOr<std::string> ReadWholeFile(const std::string& path, int64_t max_bytes) {
   const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
@@ -48,18 +58,24 @@ absl::Status WriteScratchFile(const std::string& path, std::string_view bytes) {
   return absl::OkStatus();
 }
 
+std::vector<std::string> NamesIn(const std::string& folder) {
+  namespace fs = std::filesystem;
+  std::vector<std::string> names;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    names.push_back(entry->path().filename());
+  }
+  return names;
+}
+
 absl::Status MakeFolder(const std::string& path) {
   std::error_code error;
   std::filesystem::create_directories(path, error);
   return error ? ErrnoStatus(error.value(), "create " + path) : absl::OkStatus();
 }
 
-absl::Status SyncFolder(const std::string& path) {
-  const int fd = open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (fd < 0) return ErrnoStatus(errno, "open " + path);
-  const absl::Cleanup close_folder = [fd] { close(fd); };
-  return fsync(fd) == 0 ? absl::OkStatus() : ErrnoStatus(errno, "sync " + path);
-}
+absl::Status SyncFile(const std::string& path) { return Sync(path, 0); }
+absl::Status SyncFolder(const std::string& path) { return Sync(path, O_DIRECTORY); }
 
 absl::Status MoveFile(const std::string& from, const std::string& to) {
   struct stat info {};
