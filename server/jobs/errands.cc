@@ -58,7 +58,7 @@ std::optional<absl::StatusOr<std::string>> Errand::TakeAnswer() {
 
 Errands::Errands(DataDirectory& directory, const ErrandOptions& options) : directory_(directory), options_(options) {
   for (int i = 0; i < options_.threads; ++i) {
-    threads_.emplace_back([this](std::stop_token stop) { Work(stop); });
+    threads_.emplace_back([this](const std::stop_token& stop) { Work(stop); });
   }
 }
 
