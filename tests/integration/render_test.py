@@ -52,6 +52,17 @@ class RenderTest(harness.IntegrationTest):
             check(run("depthtween-core", "render", self.result, *DOF, "--threads", threads, "-o", out))
             self.assertEqual(pictures(out), self.pictures["dof"])
 
+    def test_a_recording_is_upsampled_on_the_way(self):
+        out = self.folder / "dof"
+        check(run("depthtween-core", "render", self.sequence, *DOF, "-o", out))
+        self.assertEqual(pictures(out), self.pictures["dof"])
+        # The depth in between is gone, and what is there is not replaced unasked.
+        self.assertEqual([path.name for path in self.folder.iterdir()], ["dof"])
+        refused = run("depthtween-core", "render", self.sequence, *DOF, "-o", out)
+        self.assertEqual(refused.returncode, 1)
+        self.assertIn("--force", refused.stderr)
+        self.assertEqual(pictures(out), self.pictures["dof"])
+
     def test_same_bits_with_one_worker_and_with_two(self):
         for workers in (1, 2):
             with self.subTest(workers=workers), Server(self.folder / f"data{workers}", workers) as server:
