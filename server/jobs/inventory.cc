@@ -40,12 +40,12 @@ absl::Status CheckStoreIsOfFolder(const DataDirectory& directory, Store& store, 
 
 absl::Status QuarantineWhatHasNoRecord(DataDirectory& directory, Store& store) {
   for (const std::string& id : NamesIn(directory.JobsFolder())) {
-    if (absl::IsNotFound(store.GetJob(id).status())) {
+    if (absl::IsNotFound(store.GetJob(Tenant::Everyone(), id).status())) {
       RETURN_IF_ERROR(QuarantineOne(directory, directory.JobFolder(id), "jobs", id));
     }
   }
   for (const std::string& id : NamesIn(directory.SequencesFolder())) {
-    if (absl::IsNotFound(store.GetSequence(id).status())) {
+    if (absl::IsNotFound(store.GetSequence(Tenant::Everyone(), id).status())) {
       RETURN_IF_ERROR(QuarantineOne(directory, directory.SequenceFolder(id), "sequences", id));
     }
   }

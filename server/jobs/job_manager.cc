@@ -80,20 +80,24 @@ class Manager : public JobManager {
   absl::Status CleanUpAndStart();
 
   void Wake() override;
-  absl::StatusOr<JobView> Create(const NewJob& job, std::string_view request_id, bool validate_only) override;
-  absl::StatusOr<JobView> Get(std::string_view id) override;
-  absl::StatusOr<Page<JobView>> List(const JobFilter& filter, const PageRequest& page) override;
-  absl::Status Delete(std::string_view id) override;
-  absl::StatusOr<JobView> Cancel(std::string_view id) override;
-  absl::StatusOr<JobView> Retry(std::string_view id) override;
-  absl::StatusOr<std::unique_ptr<JobWatch>> Watch(std::string_view id, std::string_view resume_token,
+  absl::StatusOr<JobView> Create(const Tenant& tenant, const NewJob& job, std::string_view request_id,
+                                 bool validate_only) override;
+  absl::StatusOr<JobView> Get(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<Page<JobView>> List(const Tenant& tenant, const JobFilter& filter, const PageRequest& page) override;
+  absl::Status Delete(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<JobView> Cancel(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<JobView> Retry(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<std::unique_ptr<JobWatch>> Watch(const Tenant& tenant, std::string_view id,
+                                                  std::string_view resume_token,
                                                   std::function<void()> on_news) override;
-  absl::StatusOr<std::vector<FrameRecord>> Frames(std::string_view id, int first, int count, int render) override {
-    return store_.JobFrames(id, first, count, render);
+  absl::StatusOr<std::vector<FrameRecord>> Frames(const Tenant& tenant, std::string_view id, int first, int count,
+                                                  int render) override {
+    return store_.JobFrames(tenant, id, first, count, render);
   }
   std::string FrameFile(std::string_view id, const OutputSpec& output, std::string_view stem) const override;
   std::string OutputFile(std::string_view id, const OutputSpec& output) const override;
-  absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(std::string_view id, const FrameRenderOrder& order,
+  absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(const Tenant& tenant, std::string_view id,
+                                                      const FrameRenderOrder& order,
                                                       std::function<void()> on_done) override;
   void StopErrands() override {
     planning_.Stop();
@@ -127,7 +131,7 @@ class Manager : public JobManager {
 
   // The job with its renders planned; unchanged where there is no sequence to plan it for. FailedPrecondition
   // (NO_SCENE_FLOW) when it asks for scene flow that the sequence cannot give.
-  absl::StatusOr<NewJob> Plan(const NewJob& order);
+  absl::StatusOr<NewJob> Plan(const Tenant& tenant, const NewJob& order);
 
   // With changes_ held.
   JobView View(JobRecord record) const;
@@ -191,7 +195,7 @@ JobView Manager::View(JobRecord record) const {
 }
 
 absl::StatusOr<JobView> Manager::Publish(std::string_view job_id, JobEvent::Kind kind) {
-  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(job_id));
+  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(Tenant::Everyone(), job_id));
   if (record.state != JobState::kRunning) live_.erase(record.id);
   JobView view = View(std::move(record));
   hub_.Publish(kind, view);
@@ -201,7 +205,7 @@ absl::StatusOr<JobView> Manager::Publish(std::string_view job_id, JobEvent::Kind
 
 void Manager::PublishQueue() {
   for (const std::string& id : hub_.WatchedJobs()) {
-    absl::StatusOr<JobRecord> record = store_.GetJob(id);
+    absl::StatusOr<JobRecord> record = store_.GetJob(Tenant::Everyone(), id);
     if (record.ok() && record->state == JobState::kQueued) {
       hub_.Publish(JobEvent::Kind::kProgress, View(*std::move(record)));
     }
@@ -214,11 +218,11 @@ void Manager::StopTasksOf(std::string_view job_id) {
   }
 }
 
-absl::StatusOr<NewJob> Manager::Plan(const NewJob& order) {
+absl::StatusOr<NewJob> Manager::Plan(const Tenant& tenant, const NewJob& order) {
   ASSIGN_OR_RETURN(NewJob job, order.Checked());
   const bool scene_flow = job.kind == JobKind::kSceneFlow;
   if (job.renders.empty() && !scene_flow) return job;
-  const absl::StatusOr<SequenceRecord> sequence = store_.GetSequence(job.sequence_id);
+  const absl::StatusOr<SequenceRecord> sequence = store_.GetSequence(tenant, job.sequence_id);
   if (!sequence.ok() || sequence->state != SequenceState::kReady) return job;
   const absl::StatusOr<std::string> answer =
       planning_.Run({.arguments = {"plan", "--sequence", directory_.SequenceFolder(job.sequence_id)},
@@ -234,34 +238,35 @@ absl::StatusOr<NewJob> Manager::Plan(const NewJob& order) {
   return job;
 }
 
-absl::StatusOr<JobView> Manager::Create(const NewJob& job, std::string_view request_id, bool validate_only) {
-  ASSIGN_OR_RETURN(const NewJob planned, Plan(job));
+absl::StatusOr<JobView> Manager::Create(const Tenant& tenant, const NewJob& job, std::string_view request_id,
+                                        bool validate_only) {
+  ASSIGN_OR_RETURN(const NewJob planned, Plan(tenant, job));
   std::unique_lock lock(changes_);
-  ASSIGN_OR_RETURN(JobRecord record, store_.CreateJob(planned, request_id, validate_only));
+  ASSIGN_OR_RETURN(JobRecord record, store_.CreateJob(tenant, planned, request_id, validate_only));
   JobView view = View(std::move(record));
   lock.unlock();
   if (!validate_only) Wake();
   return view;
 }
 
-absl::StatusOr<JobView> Manager::Get(std::string_view id) {
+absl::StatusOr<JobView> Manager::Get(const Tenant& tenant, std::string_view id) {
   const std::lock_guard lock(changes_);
-  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(id));
+  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(tenant, id));
   return View(std::move(record));
 }
 
-absl::StatusOr<Page<JobView>> Manager::List(const JobFilter& filter, const PageRequest& page) {
+absl::StatusOr<Page<JobView>> Manager::List(const Tenant& tenant, const JobFilter& filter, const PageRequest& page) {
   const std::lock_guard lock(changes_);
-  ASSIGN_OR_RETURN(Page<JobRecord> records, store_.ListJobs(filter, page));
+  ASSIGN_OR_RETURN(Page<JobRecord> records, store_.ListJobs(tenant, filter, page));
   Page<JobView> views{.next_token = std::move(records.next_token)};
   for (JobRecord& record : records.items) views.items.push_back(View(std::move(record)));
   return views;
 }
 
-absl::Status Manager::Delete(std::string_view id) {
+absl::Status Manager::Delete(const Tenant& tenant, std::string_view id) {
   const auto forget = [&]() -> absl::Status {
     const std::lock_guard lock(changes_);
-    RETURN_IF_ERROR(store_.DeleteJob(id));
+    RETURN_IF_ERROR(store_.DeleteJob(tenant, id));
     hub_.Forget(id);
     return absl::OkStatus();
   };
@@ -269,27 +274,27 @@ absl::Status Manager::Delete(std::string_view id) {
                          [&] { return directory_.Discard(directory_.JobFolder(id)); });
 }
 
-absl::StatusOr<JobView> Manager::Cancel(std::string_view id) {
+absl::StatusOr<JobView> Manager::Cancel(const Tenant& tenant, std::string_view id) {
   const std::lock_guard lock(changes_);
-  ASSIGN_OR_RETURN(const JobRecord before, store_.GetJob(id));
-  ASSIGN_OR_RETURN(JobRecord after, store_.CancelJob(id));
+  ASSIGN_OR_RETURN(const JobRecord before, store_.GetJob(tenant, id));
+  ASSIGN_OR_RETURN(JobRecord after, store_.CancelJob(tenant, id));
   StopTasksOf(id);
   return after.state == before.state ? View(std::move(after)) : Publish(id, JobEvent::Kind::kState);
 }
 
-absl::StatusOr<JobView> Manager::Retry(std::string_view id) {
+absl::StatusOr<JobView> Manager::Retry(const Tenant& tenant, std::string_view id) {
   std::unique_lock lock(changes_);
-  RETURN_IF_ERROR(store_.RetryJob(id).status());
+  RETURN_IF_ERROR(store_.RetryJob(tenant, id).status());
   absl::StatusOr<JobView> view = Publish(id, JobEvent::Kind::kState);
   lock.unlock();
   Wake();
   return view;
 }
 
-absl::StatusOr<std::unique_ptr<JobWatch>> Manager::Watch(std::string_view id, std::string_view resume_token,
-                                                         std::function<void()> on_news) {
+absl::StatusOr<std::unique_ptr<JobWatch>> Manager::Watch(const Tenant& tenant, std::string_view id,
+                                                         std::string_view resume_token, std::function<void()> on_news) {
   const std::lock_guard lock(changes_);
-  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(id));
+  ASSIGN_OR_RETURN(JobRecord record, store_.GetJob(tenant, id));
   return hub_.Watch(View(std::move(record)), resume_token, std::move(on_news));
 }
 
@@ -301,15 +306,16 @@ std::string Manager::OutputFile(std::string_view id, const OutputSpec& output) c
   return absl::StrCat(directory_.OutFolder(id), "/", output.file_name);
 }
 
-absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(std::string_view id, const FrameRenderOrder& order,
+absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(const Tenant& tenant, std::string_view id,
+                                                             const FrameRenderOrder& order,
                                                              std::function<void()> on_done) {
-  ASSIGN_OR_RETURN(const JobRecord job, store_.GetJob(id));
+  ASSIGN_OR_RETURN(const JobRecord job, store_.GetJob(tenant, id));
   if (job.kind != JobKind::kUpsample) {
     return WithErrorInfo(
         absl::FailedPreconditionError(absl::StrCat("jobs/", job.id, " has scene flow and no depth to render from")),
         {.reason = "NO_DEPTH", .metadata = {{"resource", "jobs/" + job.id}}});
   }
-  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, store_.JobFrames(id, order.frame, 1));
+  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, store_.JobFrames(tenant, id, order.frame, 1));
   if (job.frames_total > 0 && order.frame >= job.frames_total) {
     return WithErrorInfo(
         absl::OutOfRangeError(absl::StrFormat("frame = %d, the job has %d frames", order.frame, job.frames_total)),
@@ -320,7 +326,7 @@ absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(std::string_view id
                                                                        order.frame, job.frames_done, job.frames_total)),
                          {.reason = "FRAME_NOT_READY", .metadata = {{"frame", absl::StrCat(order.frame)}}});
   }
-  if (const absl::Status sequence = store_.GetSequence(job.sequence_id).status(); !sequence.ok()) {
+  if (const absl::Status sequence = store_.GetSequence(tenant, job.sequence_id).status(); !sequence.ok()) {
     return WithErrorInfo(
         absl::FailedPreconditionError(absl::StrCat("the colour frames are gone: ", sequence.message())),
         {.reason = "SEQUENCE_GONE", .metadata = {{"resource", "sequences/" + job.sequence_id}}});
@@ -402,7 +408,7 @@ void Manager::RunTask(const Task& task, const std::stop_token& stop) {
   {
     const std::lock_guard lock(changes_);
     task_stop = running_[task.number].stop.get_token();
-    if (!task.job_id.empty()) job = store_.GetJob(task.job_id);
+    if (!task.job_id.empty()) job = store_.GetJob(Tenant::Everyone(), task.job_id);
   }
   LogInfo("task started", {{"task", absl::StrCat(task.number)},
                            {"kind", std::string(ToString(task.kind))},
@@ -450,7 +456,7 @@ void Manager::OnStage(const std::string& job_id, std::string_view stage) {
   const absl::Time now = absl::Now();
   if (now - live->second.stage_published < kStageGap) return;
   live->second.stage_published = now;
-  absl::StatusOr<JobRecord> record = store_.GetJob(job_id);
+  absl::StatusOr<JobRecord> record = store_.GetJob(Tenant::Everyone(), job_id);
   if (record.ok()) hub_.Publish(JobEvent::Kind::kProgress, View(*std::move(record)));
 }
 
@@ -497,7 +503,7 @@ void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::st
     recorded = RecordOutcome(task, outcome);
   }
   if (!recorded.ok() || task.job_id.empty()) return;
-  const absl::StatusOr<JobRecord> job = store_.GetJob(task.job_id);
+  const absl::StatusOr<JobRecord> job = store_.GetJob(Tenant::Everyone(), task.job_id);
   // The stage ends with a task that runs alone, and with the last one before assembling.
   const bool over =
       task.kind == TaskKind::kSelfCheck || task.kind == TaskKind::kPrepare || (job.ok() && job->IsComputed());

@@ -104,21 +104,24 @@ class JobManager {
   // As in Store; the view adds progress. Of job.renders only `options` is looked at: depthtween-core plans the rest.
   // InvalidArgument names their field. FailedPrecondition (NO_SCENE_FLOW) when the sequence has no depth for every
   // colour frame, or too few frames, and the job is to compute its scene flow.
-  virtual absl::StatusOr<JobView> Create(const NewJob& job, std::string_view request_id, bool validate_only) = 0;
-  virtual absl::StatusOr<JobView> Get(std::string_view id) = 0;
-  virtual absl::StatusOr<Page<JobView>> List(const JobFilter& filter, const PageRequest& page) = 0;
-  virtual absl::Status Delete(std::string_view id) = 0;
+  virtual absl::StatusOr<JobView> Create(const Tenant& tenant, const NewJob& job, std::string_view request_id,
+                                         bool validate_only) = 0;
+  virtual absl::StatusOr<JobView> Get(const Tenant& tenant, std::string_view id) = 0;
+  virtual absl::StatusOr<Page<JobView>> List(const Tenant& tenant, const JobFilter& filter,
+                                             const PageRequest& page) = 0;
+  virtual absl::Status Delete(const Tenant& tenant, std::string_view id) = 0;
   // Returns at once, usually in kCancelling; the children are gone within the grace and a moment.
-  virtual absl::StatusOr<JobView> Cancel(std::string_view id) = 0;
-  virtual absl::StatusOr<JobView> Retry(std::string_view id) = 0;
+  virtual absl::StatusOr<JobView> Cancel(const Tenant& tenant, std::string_view id) = 0;
+  virtual absl::StatusOr<JobView> Retry(const Tenant& tenant, std::string_view id) = 0;
 
   // See watch.h. The watch must be destroyed before the manager.
-  virtual absl::StatusOr<std::unique_ptr<JobWatch>> Watch(std::string_view id, std::string_view resume_token,
+  virtual absl::StatusOr<std::unique_ptr<JobWatch>> Watch(const Tenant& tenant, std::string_view id,
+                                                          std::string_view resume_token,
                                                           std::function<void()> on_news) = 0;
 
   // As Store::JobFrames.
-  virtual absl::StatusOr<std::vector<FrameRecord>> Frames(std::string_view id, int first, int count,
-                                                          int render = -1) = 0;
+  virtual absl::StatusOr<std::vector<FrameRecord>> Frames(const Tenant& tenant, std::string_view id, int first,
+                                                          int count, int render = -1) = 0;
   // The file of one frame; it may be read once FrameRecord::ready.
   virtual std::string FrameFile(std::string_view id, const OutputSpec& output, std::string_view stem) const = 0;
   // The file of an output that is one file; it may be read once the job has succeeded.
@@ -128,7 +131,8 @@ class JobManager {
   // there, unless the errand was destroyed. FailedPrecondition when the frame is not finished, or the sequence with its
   // colour frames is gone; OutOfRange when there is no such frame; ResourceExhausted (SERVER_BUSY) when too many wait.
   // The answer: the bytes of the picture, or InvalidArgument with a field of `render`, DeadlineExceeded...
-  virtual absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(std::string_view id, const FrameRenderOrder& order,
+  virtual absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(const Tenant& tenant, std::string_view id,
+                                                              const FrameRenderOrder& order,
                                                               std::function<void()> on_done) = 0;
 
   // To be called before the server's calls are ended. Answers calls that wait for planning or rendering, and later

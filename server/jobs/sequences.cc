@@ -153,37 +153,42 @@ absl::StatusOr<UploadRecord> UploadWriter::Finish() {
 Sequences::Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work)
     : store_(store), blobs_(blobs), limits_(limits), on_work_(std::move(on_work)) {}
 
-absl::StatusOr<SequenceRecord> Sequences::Create(std::string_view display_name, std::string_view request_id) {
-  return store_.CreateSequence(display_name, request_id);
+absl::StatusOr<SequenceRecord> Sequences::Create(const Tenant& tenant, std::string_view display_name,
+                                                 std::string_view request_id) {
+  return store_.CreateSequence(tenant, display_name, request_id);
 }
 
-absl::StatusOr<SequenceRecord> Sequences::Get(std::string_view id) { return store_.GetSequence(id); }
-
-absl::StatusOr<Page<SequenceRecord>> Sequences::List(const SequenceFilter& filter, const PageRequest& page) {
-  return store_.ListSequences(filter, page);
+absl::StatusOr<SequenceRecord> Sequences::Get(const Tenant& tenant, std::string_view id) {
+  return store_.GetSequence(tenant, id);
 }
 
-absl::Status Sequences::Delete(std::string_view id) {
+absl::StatusOr<Page<SequenceRecord>> Sequences::List(const Tenant& tenant, const SequenceFilter& filter,
+                                                     const PageRequest& page) {
+  return store_.ListSequences(tenant, filter, page);
+}
+
+absl::Status Sequences::Delete(const Tenant& tenant, std::string_view id) {
   return DeleteWithFiles(
-      absl::StrCat("sequences/", std::string(id)), [&] { return store_.DeleteSequence(id); },
+      absl::StrCat("sequences/", std::string(id)), [&] { return store_.DeleteSequence(tenant, id); },
       [&] { return blobs_.Remove(id); });
 }
 
-absl::StatusOr<UploadRecord> Sequences::StartUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
-                                                    std::string_view request_id) {
+absl::StatusOr<UploadRecord> Sequences::StartUpload(const Tenant& tenant, std::string_view sequence_id,
+                                                    const std::vector<UploadFile>& files, std::string_view request_id) {
   ASSIGN_OR_RETURN(const int64_t free_bytes, blobs_.FreeBytes());
   const int64_t room_bytes = std::max<int64_t>(0, free_bytes - limits_.reserved_disk_bytes);
-  return store_.CreateUpload(sequence_id, files, room_bytes, request_id);
+  return store_.CreateUpload(tenant, sequence_id, files, room_bytes, request_id);
 }
 
-absl::StatusOr<UploadRecord> Sequences::GetUpload(std::string_view sequence_id, std::string_view upload_id) {
-  return store_.GetUpload(sequence_id, upload_id);
+absl::StatusOr<UploadRecord> Sequences::GetUpload(const Tenant& tenant, std::string_view sequence_id,
+                                                  std::string_view upload_id) {
+  return store_.GetUpload(tenant, sequence_id, upload_id);
 }
 
-absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(std::string_view sequence_id,
+absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(const Tenant& tenant, std::string_view sequence_id,
                                                                     std::string_view upload_id) {
   // Checked before the turn exists, so that unknown ids leave nothing behind.
-  RETURN_IF_ERROR(store_.GetUpload(sequence_id, upload_id).status());
+  RETURN_IF_ERROR(store_.GetUpload(tenant, sequence_id, upload_id).status());
   std::shared_ptr<UploadWriter::Turn> turn;
   {
     const std::lock_guard lock(mutex_);
@@ -195,7 +200,7 @@ absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(std::string_
   // While the turn's mutex is held, the earlier writer is between two writes, and its last ones may not be durable yet:
   // they are written again, from the size that the store knows.
   const std::lock_guard lock(turn->mutex);
-  ASSIGN_OR_RETURN(UploadRecord upload, store_.GetUpload(sequence_id, upload_id));
+  ASSIGN_OR_RETURN(UploadRecord upload, store_.GetUpload(tenant, sequence_id, upload_id));
   if (upload.finished) return WrongState("FINISHED", "the upload is finished and takes no more bytes");
   ASSIGN_OR_RETURN(std::vector<UploadFile> files, store_.UploadFiles(upload_id));
   const int64_t number = ++turn->number;
@@ -203,8 +208,8 @@ absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(std::string_
       new UploadWriter(*this, std::move(upload), std::move(files), std::move(turn), number));
 }
 
-absl::StatusOr<SequenceRecord> Sequences::Commit(std::string_view id) {
-  ASSIGN_OR_RETURN(SequenceRecord record, store_.CommitSequence(id));
+absl::StatusOr<SequenceRecord> Sequences::Commit(const Tenant& tenant, std::string_view id) {
+  ASSIGN_OR_RETURN(SequenceRecord record, store_.CommitSequence(tenant, id));
   on_work_();
   return record;
 }

@@ -76,19 +76,23 @@ class Sequences {
   Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work);
 
   // As in Store.
-  absl::StatusOr<SequenceRecord> Create(std::string_view display_name, std::string_view request_id);
-  absl::StatusOr<SequenceRecord> Get(std::string_view id);
-  absl::StatusOr<Page<SequenceRecord>> List(const SequenceFilter& filter, const PageRequest& page);
+  absl::StatusOr<SequenceRecord> Create(const Tenant& tenant, std::string_view display_name,
+                                        std::string_view request_id);
+  absl::StatusOr<SequenceRecord> Get(const Tenant& tenant, std::string_view id);
+  absl::StatusOr<Page<SequenceRecord>> List(const Tenant& tenant, const SequenceFilter& filter,
+                                            const PageRequest& page);
   // The record, and the files with it.
-  absl::Status Delete(std::string_view id);
+  absl::Status Delete(const Tenant& tenant, std::string_view id);
 
   // As Store::CreateUpload; also ResourceExhausted (DISK_FULL) when the disk has no room for it.
-  absl::StatusOr<UploadRecord> StartUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
-                                           std::string_view request_id);
-  absl::StatusOr<UploadRecord> GetUpload(std::string_view sequence_id, std::string_view upload_id);
+  absl::StatusOr<UploadRecord> StartUpload(const Tenant& tenant, std::string_view sequence_id,
+                                           const std::vector<UploadFile>& files, std::string_view request_id);
+  absl::StatusOr<UploadRecord> GetUpload(const Tenant& tenant, std::string_view sequence_id,
+                                         std::string_view upload_id);
   // Takes over from any earlier writer of this upload. FailedPrecondition if it is finished.
-  absl::StatusOr<std::unique_ptr<UploadWriter>> OpenUpload(std::string_view sequence_id, std::string_view upload_id);
-  absl::StatusOr<SequenceRecord> Commit(std::string_view id);
+  absl::StatusOr<std::unique_ptr<UploadWriter>> OpenUpload(const Tenant& tenant, std::string_view sequence_id,
+                                                           std::string_view upload_id);
+  absl::StatusOr<SequenceRecord> Commit(const Tenant& tenant, std::string_view id);
 
  private:
   friend class UploadWriter;

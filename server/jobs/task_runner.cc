@@ -89,7 +89,7 @@ std::string TaskRunner::ConstantsFile(const std::string& job_id) const {
 
 absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, const PlannedInterval& interval) {
   ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
-                   store_.JobFrames(task.job_id, interval.first_frame, interval.frame_count));
+                   store_.JobFrames(Tenant::Everyone(), task.job_id, interval.first_frame, interval.frame_count));
   const std::string from = directory_.TaskFolder(task.number);
   const std::string to = directory_.OutFolder(task.job_id);
   const bool rendered = task.kind == TaskKind::kRender;
@@ -136,7 +136,8 @@ absl::StatusOr<std::optional<std::vector<int>>> TaskRunner::FramesAssembled(cons
   const std::vector<OutputSpec> outputs = OutputsOf(job);
   const auto output = std::find_if(outputs.begin(), outputs.end(), [](const OutputSpec& o) { return o.assembled; });
   if (output == outputs.end()) return std::nullopt;
-  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, store_.JobFrames(job.id, 0, job.frames_total));
+  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
+                   store_.JobFrames(Tenant::Everyone(), job.id, 0, job.frames_total));
   std::vector<int> found;
   for (const FrameRecord& frame : frames) {
     const std::string file =

@@ -12,7 +12,7 @@ class AdminService : public v1::AdminService::CallbackService {
 
   grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest* request,
                                           v1::ServerInfo* response) override {
-    return runtime_.Unary(context, "GetServerInfo", "", [=, this] {
+    return runtime_.Unary(context, "GetServerInfo", "", [=, this](const Caller&) {
       response->set_version(DEPTHTWEEN_VERSION);
       response->set_workers(jobs_.workers());
       v1::Limits* limits = response->mutable_limits();

@@ -46,7 +46,8 @@ CallRuntime::~CallRuntime() {
 }
 
 grpc::ServerUnaryReactor* CallRuntime::Unary(grpc::CallbackServerContext* context, std::string_view method,
-                                             std::string_view subject, std::function<absl::Status()> work) {
+                                             std::string_view subject,
+                                             std::function<absl::Status(const Caller&)> work) {
   auto call = std::make_shared<Call>(*this, context, method, subject);
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   if (!call->admission().ok()) {
@@ -54,7 +55,7 @@ grpc::ServerUnaryReactor* CallRuntime::Unary(grpc::CallbackServerContext* contex
     return reactor;
   }
   executor_.Post([reactor, call = std::move(call), work = std::move(work)] {
-    reactor->Finish(call->Answer(CatchExceptions(work)));
+    reactor->Finish(call->Answer(CatchExceptions([&] { return work(call->caller()); })));
   });
   return reactor;
 }

@@ -15,6 +15,7 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "server/access/caller.h"
 #include "server/rpc/executor.h"
 #include "server/rpc/status.h"
 #include "server/store/data_directory.h"
@@ -44,7 +45,7 @@ class CallRuntime {
   // The whole life of a call without streams: `work` runs on the executor, its status is the answer. `subject` is the
   // name of the resource that the call is about, `method` the name in the log.
   grpc::ServerUnaryReactor* Unary(grpc::CallbackServerContext* context, std::string_view method,
-                                  std::string_view subject, std::function<absl::Status()> work);
+                                  std::string_view subject, std::function<absl::Status(const Caller&)> work);
 
   // Registers a long call, which is told when the server stops.
   void Register(const std::shared_ptr<Stoppable>& stream);
@@ -80,6 +81,7 @@ class Call {
   CallRuntime& runtime() { return runtime_; }
   // Why the call must be refused, or OK.
   const absl::Status& admission() const { return admission_; }
+  const Caller& caller() const { return caller_; }
   // For calls that learn later which resource they are about.
   void SetSubject(std::string_view subject) { names_.subject = std::string(subject); }
   // What to finish the call with: the status without the server's paths, which its log keeps. Call it once.
@@ -91,6 +93,7 @@ class Call {
   CallNames names_;
   const std::string peer_;
   const absl::Time start_;
+  Caller caller_ = {.tenant = Tenant(kDefaultTenant), .token_id = {}};
   const absl::Status admission_;
 };
 

@@ -58,7 +58,7 @@ absl::Status FileStream::Open() {
   if (request_.read_limit() < 0) {
     return InvalidField("read_limit", absl::StrFormat("= %d, must be >= 0 (0 means all)", request_.read_limit()));
   }
-  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(ids.job_id));
+  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(tenant(), ids.job_id));
   ASSIGN_OR_RETURN(const OutputSpec output, FindOutput(job.record, ids.output_id));
   if (output.frames) {
     return WithErrorInfo(
@@ -73,7 +73,7 @@ absl::Status FileStream::Open() {
   }
   descriptor_ = open(jobs_.OutputFile(ids.job_id, output).c_str(), O_RDONLY | O_CLOEXEC);
   if (descriptor_ < 0 && errno == ENOENT) {
-    RETURN_IF_ERROR(jobs_.Get(ids.job_id).status());  // a job that is being deleted says so itself
+    RETURN_IF_ERROR(jobs_.Get(tenant(), ids.job_id).status());  // a job that is being deleted says so itself
     return FileLost(request_.name());
   }
   struct stat facts {};

@@ -20,7 +20,7 @@ absl::StatusOr<FrameRenderStream::Next> FrameRenderStream::Produce() {
     std::optional<absl::StatusOr<std::string>> answer = errand_->TakeAnswer();
     if (!answer) return Next::kWait;
     // If the job was deleted meanwhile, say so; otherwise a missing file is data loss.
-    if (absl::IsDataLoss(answer->status())) RETURN_IF_ERROR(jobs_.Get(job_id_).status());
+    if (absl::IsDataLoss(answer->status())) RETURN_IF_ERROR(jobs_.Get(tenant(), job_id_).status());
     ASSIGN_OR_RETURN(std::string bytes, *std::move(answer));
     answered_ = true;
     chunks_.Load(request_.frame(), std::move(header_), std::move(bytes), request_.frame() + 1);
@@ -42,11 +42,11 @@ absl::Status FrameRenderStream::Begin() {
                         absl::StrFormat("= %d, must be PNG or JPEG for a picture", static_cast<int>(encoding)));
   }
   ASSIGN_OR_RETURN(std::string options, OptionsDocument("render", request_.render()));
-  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(job_id_));
+  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(tenant(), job_id_));
   const FrameRenderOrder order = {
       .frame = request_.frame(), .options = std::move(options), .jpeg = encoding == v1::ENCODING_JPEG};
-  ASSIGN_OR_RETURN(errand_, jobs_.RenderFrame(job_id_, order, Waker()));
-  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, jobs_.Frames(job_id_, request_.frame(), 1));
+  ASSIGN_OR_RETURN(errand_, jobs_.RenderFrame(tenant(), job_id_, order, Waker()));
+  ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, jobs_.Frames(tenant(), job_id_, request_.frame(), 1));
   if (!frames.empty()) {
     header_.set_time_ns(frames[0].time_ns);
     header_.set_stem(frames[0].stem);

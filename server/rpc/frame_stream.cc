@@ -61,7 +61,7 @@ absl::Status FrameStream::Open() {
   if (request_.stride() < 0) {
     return InvalidField("stride", absl::StrFormat("= %d, must be >= 0 (0 means 1)", request_.stride()));
   }
-  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(ids.job_id));
+  ASSIGN_OR_RETURN(const JobView job, jobs_.Get(tenant(), ids.job_id));
   job_ = job.record;
   job_id_ = ids.job_id;
   ASSIGN_OR_RETURN(const OutputSpec output, FindOutput(job_, ids.output_id));
@@ -82,7 +82,7 @@ absl::Status FrameStream::Open() {
     return ServerBusy("the open streams of frames leave no memory for another; try again later");
   memory_taken_ = bytes;
   if (request_.follow()) {
-    ASSIGN_OR_RETURN(watch_, jobs_.Watch(job_id_, /*resume_token=*/"", Waker()));
+    ASSIGN_OR_RETURN(watch_, jobs_.Watch(tenant(), job_id_, /*resume_token=*/"", Waker()));
   }
   output_ = output;
   return absl::OkStatus();
@@ -91,7 +91,7 @@ absl::Status FrameStream::Open() {
 absl::Status FrameStream::CatchUp() {
   if (watch_ == nullptr) return absl::OkStatus();
   while (const std::optional<JobEvent> event = watch_->Next()) job_ = event->job.record;
-  if (watch_->Deleted()) return jobs_.Get(job_id_).status();
+  if (watch_->Deleted()) return jobs_.Get(tenant(), job_id_).status();
   return absl::OkStatus();
 }
 
@@ -101,7 +101,7 @@ absl::StatusOr<std::optional<FrameRecord>> FrameStream::NextReady() {
   while (!upcoming_.empty() && upcoming_.front().index < next_frame_) upcoming_.pop_front();
   if (upcoming_.empty()) {
     ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
-                     jobs_.Frames(job_id_, next_frame_, kFramesPerLookup, output_->render));
+                     jobs_.Frames(tenant(), job_id_, next_frame_, kFramesPerLookup, output_->render));
     for (const FrameRecord& frame : frames) {
       // Up to the first that is missing: frames leave in order.
       if (!frame.ready) break;
@@ -137,7 +137,7 @@ absl::Status FrameStream::Load(const FrameRecord& frame) {
   absl::StatusOr<std::string> stored = ReadFile(jobs_.FrameFile(job_id_, *output_, frame.stem));
   if (absl::IsNotFound(stored.status())) {
     // If the job was deleted meanwhile, say so; otherwise a missing file is data loss.
-    RETURN_IF_ERROR(jobs_.Get(job_id_).status());
+    RETURN_IF_ERROR(jobs_.Get(tenant(), job_id_).status());
     // Not every frame has what is made at the end. Older jobs did not record which frames do.
     const bool has_none = output_->assembled && !frame.assembled.value_or(false);
     if (!has_none) return FileLost(request_.name(), frame.index);

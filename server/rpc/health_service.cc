@@ -48,7 +48,7 @@ class HealthService : public health_v1::Health::CallbackService {
 
   grpc::ServerUnaryReactor* Check(grpc::CallbackServerContext* context, const HealthCheckRequest* request,
                                   HealthCheckResponse* response) override {
-    return runtime_.Unary(context, "Health.Check", request->service(), [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "Health.Check", request->service(), [=, this](const Caller&) -> absl::Status {
       const std::optional<bool> serving = health_.IsServing(request->service());
       if (!serving) return NoSuchResource(request->service());
       response->set_status(Encode(*serving));

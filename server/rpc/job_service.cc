@@ -31,15 +31,15 @@ class JobWatchStream : public ServerStream<v1::JobEvent> {
   absl::StatusOr<Next> Produce() override {
     if (watch_ == nullptr) {
       ASSIGN_OR_RETURN(id_, ParseJobName("name", name_));
-      ASSIGN_OR_RETURN(watch_, jobs_.Watch(id_, resume_token_, Waker()));
+      ASSIGN_OR_RETURN(watch_, jobs_.Watch(tenant(), id_, resume_token_, Waker()));
     }
     if (ended_) return Next::kEnd;
     std::optional<JobEvent> event = watch_->Next();
     if (!event && !said_anything_) {
       // Resumed with nothing missed. If the job has ended, nothing will follow: send its state, and end.
-      ASSIGN_OR_RETURN(const JobView job, jobs_.Get(id_));
+      ASSIGN_OR_RETURN(const JobView job, jobs_.Get(tenant(), id_));
       if (HasEnded(job.record.state)) {
-        ASSIGN_OR_RETURN(watch_, jobs_.Watch(id_, /*resume_token=*/"", Waker()));
+        ASSIGN_OR_RETURN(watch_, jobs_.Watch(tenant(), id_, /*resume_token=*/"", Waker()));
         event = watch_->Next();
       }
     }
@@ -81,12 +81,14 @@ class JobService : public v1::JobService::CallbackService {
 
   ServerUnaryReactor* CreateJob(CallbackServerContext* context, const v1::CreateJobRequest* request,
                                 v1::Job* response) override {
-    return runtime_.Unary(context, "CreateJob", request->job().sequence(), [=, this]() -> absl::Status {
-      ASSIGN_OR_RETURN(const NewJob job, Decode(request->job()));
-      ASSIGN_OR_RETURN(const JobView view, jobs_.Create(job, request->request_id(), request->validate_only()));
-      *response = Encode(view);
-      return absl::OkStatus();
-    });
+    return runtime_.Unary(
+        context, "CreateJob", request->job().sequence(), [=, this](const Caller& caller) -> absl::Status {
+          ASSIGN_OR_RETURN(const NewJob job, Decode(request->job()));
+          ASSIGN_OR_RETURN(const JobView view,
+                           jobs_.Create(caller.tenant, job, request->request_id(), request->validate_only()));
+          *response = Encode(view);
+          return absl::OkStatus();
+        });
   }
 
   ServerUnaryReactor* GetJob(CallbackServerContext* context, const v1::GetJobRequest* request,
@@ -96,12 +98,12 @@ class JobService : public v1::JobService::CallbackService {
 
   ServerUnaryReactor* ListJobs(CallbackServerContext* context, const v1::ListJobsRequest* request,
                                v1::ListJobsResponse* response) override {
-    return runtime_.Unary(context, "ListJobs", "", [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "ListJobs", "", [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const JobFilter filter, ParseJobFilter(request->filter()));
       ASSIGN_OR_RETURN(const PageRequest page,
                        ParsePage(request->page_size(), request->page_token(), limits_.max_page_size));
       return FillPage(page, response, [&](const PageRequest& some) -> absl::Status {
-        ASSIGN_OR_RETURN(const Page<JobView> views, jobs_.List(filter, some));
+        ASSIGN_OR_RETURN(const Page<JobView> views, jobs_.List(caller.tenant, filter, some));
         for (const JobView& view : views.items) *response->add_jobs() = Encode(view);
         response->set_next_page_token(views.next_token);
         return absl::OkStatus();
@@ -111,9 +113,9 @@ class JobService : public v1::JobService::CallbackService {
 
   ServerUnaryReactor* DeleteJob(CallbackServerContext* context, const v1::DeleteJobRequest* request,
                                 google::protobuf::Empty* response) override {
-    return runtime_.Unary(context, "DeleteJob", request->name(), [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "DeleteJob", request->name(), [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string id, ParseJobName("name", request->name()));
-      return jobs_.Delete(id);
+      return jobs_.Delete(caller.tenant, id);
     });
   }
 
@@ -134,10 +136,11 @@ class JobService : public v1::JobService::CallbackService {
 
  private:
   ServerUnaryReactor* AboutOneJob(CallbackServerContext* context, std::string_view method, const std::string& name,
-                                  absl::StatusOr<JobView> (JobManager::*ask)(std::string_view), v1::Job* response) {
-    return runtime_.Unary(context, method, name, [=, this]() -> absl::Status {
+                                  absl::StatusOr<JobView> (JobManager::*ask)(const Tenant&, std::string_view),
+                                  v1::Job* response) {
+    return runtime_.Unary(context, method, name, [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string id, ParseJobName("name", name));
-      ASSIGN_OR_RETURN(const JobView view, (jobs_.*ask)(id));
+      ASSIGN_OR_RETURN(const JobView view, (jobs_.*ask)(caller.tenant, id));
       *response = Encode(view);
       return absl::OkStatus();
     });

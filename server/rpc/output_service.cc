@@ -31,9 +31,9 @@ class OutputService : public v1::OutputService::CallbackService {
 
   grpc::ServerUnaryReactor* ListOutputs(CallbackServerContext* context, const v1::ListOutputsRequest* request,
                                         v1::ListOutputsResponse* response) override {
-    return runtime_.Unary(context, "ListOutputs", request->parent(), [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "ListOutputs", request->parent(), [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string job_id, ParseJobName("parent", request->parent()));
-      ASSIGN_OR_RETURN(const JobView job, jobs_.Get(job_id));
+      ASSIGN_OR_RETURN(const JobView job, jobs_.Get(caller.tenant, job_id));
       for (const OutputSpec& spec : OutputsOf(job.record)) {
         v1::Output* output = response->add_outputs();
         output->set_name(OutputName(job_id, spec.id));

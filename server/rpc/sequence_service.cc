@@ -38,9 +38,9 @@ class SequenceService : public v1::SequenceService::CallbackService {
 
   ServerUnaryReactor* CreateSequence(CallbackServerContext* context, const v1::CreateSequenceRequest* request,
                                      v1::Sequence* response) override {
-    return runtime_.Unary(context, "CreateSequence", "", [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "CreateSequence", "", [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const SequenceRecord record,
-                       sequences_.Create(request->sequence().display_name(), request->request_id()));
+                       sequences_.Create(caller.tenant, request->sequence().display_name(), request->request_id()));
       *response = EncodeWithProgress(record);
       return absl::OkStatus();
     });
@@ -48,9 +48,9 @@ class SequenceService : public v1::SequenceService::CallbackService {
 
   ServerUnaryReactor* GetSequence(CallbackServerContext* context, const v1::GetSequenceRequest* request,
                                   v1::Sequence* response) override {
-    return runtime_.Unary(context, "GetSequence", request->name(), [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "GetSequence", request->name(), [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string id, ParseSequenceName("name", request->name()));
-      ASSIGN_OR_RETURN(const SequenceRecord record, sequences_.Get(id));
+      ASSIGN_OR_RETURN(const SequenceRecord record, sequences_.Get(caller.tenant, id));
       *response = EncodeWithProgress(record);
       return absl::OkStatus();
     });
@@ -58,12 +58,12 @@ class SequenceService : public v1::SequenceService::CallbackService {
 
   ServerUnaryReactor* ListSequences(CallbackServerContext* context, const v1::ListSequencesRequest* request,
                                     v1::ListSequencesResponse* response) override {
-    return runtime_.Unary(context, "ListSequences", "", [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "ListSequences", "", [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const SequenceFilter filter, ParseSequenceFilter(request->filter()));
       ASSIGN_OR_RETURN(const PageRequest page,
                        ParsePage(request->page_size(), request->page_token(), limits_.max_page_size));
       return FillPage(page, response, [&](const PageRequest& some) -> absl::Status {
-        ASSIGN_OR_RETURN(const Page<SequenceRecord> records, sequences_.List(filter, some));
+        ASSIGN_OR_RETURN(const Page<SequenceRecord> records, sequences_.List(caller.tenant, filter, some));
         for (const SequenceRecord& record : records.items) *response->add_sequences() = EncodeWithProgress(record);
         response->set_next_page_token(records.next_token);
         return absl::OkStatus();
@@ -73,18 +73,19 @@ class SequenceService : public v1::SequenceService::CallbackService {
 
   ServerUnaryReactor* DeleteSequence(CallbackServerContext* context, const v1::DeleteSequenceRequest* request,
                                      google::protobuf::Empty* response) override {
-    return runtime_.Unary(context, "DeleteSequence", request->name(), [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "DeleteSequence", request->name(), [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string id, ParseSequenceName("name", request->name()));
-      return sequences_.Delete(id);
+      return sequences_.Delete(caller.tenant, id);
     });
   }
 
   ServerUnaryReactor* StartUpload(CallbackServerContext* context, const v1::StartUploadRequest* request,
                                   v1::Upload* response) override {
-    return runtime_.Unary(context, "StartUpload", request->parent(), [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "StartUpload", request->parent(), [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string sequence_id, ParseSequenceName("parent", request->parent()));
       ASSIGN_OR_RETURN(const std::vector<UploadFile> files, DecodeFiles(request->upload()));
-      ASSIGN_OR_RETURN(const UploadRecord record, sequences_.StartUpload(sequence_id, files, request->request_id()));
+      ASSIGN_OR_RETURN(const UploadRecord record,
+                       sequences_.StartUpload(caller.tenant, sequence_id, files, request->request_id()));
       *response = Encode(record);
       return absl::OkStatus();
     });
@@ -97,9 +98,9 @@ class SequenceService : public v1::SequenceService::CallbackService {
 
   ServerUnaryReactor* GetUpload(CallbackServerContext* context, const v1::GetUploadRequest* request,
                                 v1::Upload* response) override {
-    return runtime_.Unary(context, "GetUpload", request->name(), [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "GetUpload", request->name(), [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const UploadIds ids, ParseUploadName("name", request->name()));
-      ASSIGN_OR_RETURN(const UploadRecord record, sequences_.GetUpload(ids.sequence_id, ids.upload_id));
+      ASSIGN_OR_RETURN(const UploadRecord record, sequences_.GetUpload(caller.tenant, ids.sequence_id, ids.upload_id));
       *response = Encode(record);
       return absl::OkStatus();
     });
@@ -107,9 +108,9 @@ class SequenceService : public v1::SequenceService::CallbackService {
 
   ServerUnaryReactor* CommitSequence(CallbackServerContext* context, const v1::CommitSequenceRequest* request,
                                      v1::Sequence* response) override {
-    return runtime_.Unary(context, "CommitSequence", request->name(), [=, this]() -> absl::Status {
+    return runtime_.Unary(context, "CommitSequence", request->name(), [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const std::string id, ParseSequenceName("name", request->name()));
-      ASSIGN_OR_RETURN(const SequenceRecord record, sequences_.Commit(id));
+      ASSIGN_OR_RETURN(const SequenceRecord record, sequences_.Commit(caller.tenant, id));
       *response = EncodeWithProgress(record);
       return absl::OkStatus();
     });

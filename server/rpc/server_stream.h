@@ -52,6 +52,9 @@ class StreamDriver : public Stoppable, public std::enable_shared_from_this<Strea
   virtual void StartSending() = 0;
   virtual void FinishCall(const grpc::Status& status) = 0;
 
+  // Whose resources the call may see.
+  const Tenant& tenant() const { return call_.caller().tenant; }
+
   // Wakes the stream at `time`, unless called again before.
   void WakeAt(absl::Time time);
   // A function that wakes the stream, or does nothing when it is gone.

@@ -91,7 +91,7 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
       name_ = request_.name();
       call_.SetSubject(name_);
       ASSIGN_OR_RETURN(const UploadIds ids, ParseUploadName("name", name_));
-      ASSIGN_OR_RETURN(writer_, sequences_.OpenUpload(ids.sequence_id, ids.upload_id));
+      ASSIGN_OR_RETURN(writer_, sequences_.OpenUpload(call_.caller().tenant, ids.sequence_id, ids.upload_id));
     } else if (!request_.name().empty() && request_.name() != name_) {
       return InvalidField("name", "differs from that of the first message, must be the same or empty");
     }

@@ -57,6 +57,7 @@ struct SequenceRecord {
   absl::Time update_time;
   int64_t size_bytes = 0;  // announced by its uploads
   int file_count = 0;
+  std::string tenant;
   ValidationResult validation;  // empty before kReady or kInvalid
 };
 
@@ -131,6 +132,7 @@ struct JobRecord {
   int threads = 0;
   std::vector<RenderRecord> renders;
   std::string depth_from;
+  std::string tenant;
   Recording recording;  // of the sequence when the job was made: it may be deleted later
   JobState state = JobState::kQueued;
   int attempt = 1;

@@ -10,13 +10,14 @@
 namespace depthtween::server {
 namespace {
 
-constexpr char kJobScope[] = "job";
+std::string JobScope(const Tenant& tenant) { return "job/" + tenant.name(); }
 
 constexpr char kJobColumns[] =
     "SELECT id, number, display_name, sequence_id, kind, options, threads, recording, state, attempt, error_code, "
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, interval_seconds, depth_from, self_check, clock_estimate, error_info, "
-    "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number) FROM jobs ";
+    "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number), tenant FROM "
+    "jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
   return row.IsNull(column) ? absl::InfiniteFuture() : absl::FromUnixMicros(row.Int64(column));
@@ -31,6 +32,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .options = row.Text(5),
                    .threads = row.Int(6),
                    .depth_from = row.Text(20),
+                   .tenant = row.Text(25),
                    .state = static_cast<JobState>(row.Int(8)),
                    .attempt = row.Int(9),
                    .error = absl::Status(static_cast<absl::StatusCode>(row.Int(10)), row.Text(11)),
@@ -70,9 +72,10 @@ std::string Fingerprint(const NewJob& job) {
 
 }  // namespace
 
-absl::StatusOr<int64_t> SqliteStore::JobNumber(std::string_view id) {
-  ASSIGN_OR_RETURN(const std::optional<int64_t> number,
-                   database_->Number("SELECT number FROM jobs WHERE id = ?", {id}));
+absl::StatusOr<int64_t> SqliteStore::JobNumber(const Tenant& tenant, std::string_view id) {
+  ASSIGN_OR_RETURN(
+      const std::optional<int64_t> number,
+      database_->Number("SELECT number FROM jobs WHERE id = ?1 AND (?2 = '' OR tenant = ?2)", {id, tenant.name()}));
   if (!number) return NoSuchResource("jobs/" + std::string(id));
   return *number;
 }
@@ -99,11 +102,11 @@ absl::Status SqliteStore::ReadRenders(JobRecord& job) {
   return damage;
 }
 
-absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const NewJob& job) {
+absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const Tenant& tenant, const NewJob& job) {
   if (job.renders.empty()) {
     return BadField("job.depth_from", "job.depth_from reuses depth for renders, but this job has no renders: add some");
   }
-  ASSIGN_OR_RETURN(const int64_t number, JobNumber(job.depth_from));
+  ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, job.depth_from));
   ASSIGN_OR_RETURN(JobRecord from, ReadJob(number));
   const std::string name = "jobs/" + job.depth_from;
   if (from.state != JobState::kSucceeded) {
@@ -136,18 +139,20 @@ absl::Status SqliteStore::EndJob(int64_t number, JobState state, const absl::Sta
        absl::ToUnixMicros(absl::Now()), number});
 }
 
-absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& order, std::string_view request_id, bool validate_only) {
+absl::StatusOr<JobRecord> SqliteStore::CreateJob(const Tenant& tenant, const NewJob& order, std::string_view request_id,
+                                                 bool validate_only) {
+  if (tenant.name().empty()) return absl::InternalError("CreateJob needs a tenant");
   RETURN_IF_ERROR(CheckText("job.display_name", order.display_name, limits_.max_display_name_bytes));
   ASSIGN_OR_RETURN(const NewJob job, order.Checked());
   ASSIGN_OR_RETURN(const JobFacts facts, FactsOfJob(job.kind, job.options));
   const std::string fingerprint = Fingerprint(job);
   return Transact([&]() -> absl::StatusOr<JobRecord> {
-    ASSIGN_OR_RETURN(const std::optional<std::string> made, MadeBefore(kJobScope, request_id, fingerprint));
+    ASSIGN_OR_RETURN(const std::optional<std::string> made, MadeBefore(JobScope(tenant), request_id, fingerprint));
     if (made) {
-      ASSIGN_OR_RETURN(const int64_t number, JobNumber(*made));
+      ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, *made));
       return ReadJob(number);
     }
-    ASSIGN_OR_RETURN(const SequenceRecord sequence, ReadSequence(job.sequence_id));
+    ASSIGN_OR_RETURN(const SequenceRecord sequence, ReadSequence(tenant, job.sequence_id));
     if (sequence.state != SequenceState::kReady) {
       return WrongState(ToString(sequence.state),
                         absl::StrCat("sequences/", job.sequence_id, " is ", std::string(ToString(sequence.state)),
@@ -155,7 +160,7 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& order, std::strin
     }
     std::optional<SelfCheck> self_check;
     if (!job.depth_from.empty()) {
-      ASSIGN_OR_RETURN(JobRecord from, FindDepthFrom(job));
+      ASSIGN_OR_RETURN(JobRecord from, FindDepthFrom(tenant, job));
       if (facts.self_check) self_check = std::move(from.self_check);
     }
     ASSIGN_OR_RETURN(const std::optional<int64_t> queued,
@@ -174,6 +179,7 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& order, std::strin
                        .threads = job.threads,
                        .renders = job.renders,
                        .depth_from = job.depth_from,
+                       .tenant = tenant.name(),
                        .recording = *sequence.validation.recording,
                        .create_time = now,
                        .start_time = absl::InfiniteFuture(),
@@ -183,50 +189,53 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const NewJob& order, std::strin
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, kind, options, threads, state, create_time_us, "
-        "depth_from, self_check) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "depth_from, self_check, tenant) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.kind, job.options,
          job.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
-         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr}));
+         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr, tenant.name()}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(
           database_->Run("INSERT INTO renders (job, idx, plan) VALUES (?, ?, ?)", {number, i, ToJson(job.renders[i])}));
     }
-    RETURN_IF_ERROR(RememberRequest(kJobScope, request_id, fingerprint, id));
+    RETURN_IF_ERROR(RememberRequest(JobScope(tenant), request_id, fingerprint, id));
     ASSIGN_OR_RETURN(JobRecord made_now, ReadJob(number));
     RETURN_IF_ERROR(AddFirstTask(made_now));
     return made_now;
   });
 }
 
-absl::StatusOr<JobRecord> SqliteStore::GetJob(std::string_view id) {
+absl::StatusOr<JobRecord> SqliteStore::GetJob(const Tenant& tenant, std::string_view id) {
   return Read([&]() -> absl::StatusOr<JobRecord> {
-    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, id));
     return ReadJob(number);
   });
 }
 
-absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const JobFilter& filter, const PageRequest& page) {
+absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const Tenant& tenant, const JobFilter& filter,
+                                                      const PageRequest& page) {
   const int state = filter.state ? static_cast<int>(*filter.state) : 0;
   const std::string sequence = filter.sequence_id.value_or("");
-  const std::string list = absl::StrCat("jobs state=", state, " sequence=", sequence);
+  const std::string list = absl::StrCat("jobs of ", tenant.name(), " state=", state, " sequence=", sequence);
   ASSIGN_OR_RETURN(const int64_t before, ParsePageToken(page, list));
   ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_));
   static const std::string sql = std::string(kJobColumns) +
                                  "WHERE number < ?1 AND (?2 = 0 OR state = ?2) AND (?3 = '' OR sequence_id = ?3) "
+                                 "AND (?5 = '' OR tenant = ?5) "
                                  "ORDER BY number DESC LIMIT ?4";
   return Read([&]() -> absl::StatusOr<Page<JobRecord>> {
     Page<JobRecord> result;
     absl::Status damage;
     bool more = false;
     // One row beyond the page tells whether there is a next one.
-    RETURN_IF_ERROR(database_->Run(sql.c_str(), {before, state, sequence, size + 1}, [&](const SqlRow& row) {
-      more = static_cast<int>(result.items.size()) == size;
-      if (more) return;
-      absl::StatusOr<JobRecord> job = ToJob(row);
-      damage.Update(job.status());
-      if (job.ok()) result.items.push_back(*std::move(job));
-    }));
+    RETURN_IF_ERROR(
+        database_->Run(sql.c_str(), {before, state, sequence, size + 1, tenant.name()}, [&](const SqlRow& row) {
+          more = static_cast<int>(result.items.size()) == size;
+          if (more) return;
+          absl::StatusOr<JobRecord> job = ToJob(row);
+          damage.Update(job.status());
+          if (job.ok()) result.items.push_back(*std::move(job));
+        }));
     RETURN_IF_ERROR(damage);
     for (JobRecord& job : result.items) RETURN_IF_ERROR(ReadRenders(job));
     if (more) result.next_token = MakePageToken(result.items.back().number, list);
@@ -234,9 +243,9 @@ absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const JobFilter& filter, c
   });
 }
 
-absl::Status SqliteStore::DeleteJob(std::string_view id) {
+absl::Status SqliteStore::DeleteJob(const Tenant& tenant, std::string_view id) {
   return Transact([&]() -> absl::Status {
-    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, id));
     ASSIGN_OR_RETURN(const JobRecord job, ReadJob(number));
     if (!HasEnded(job.state)) {
       return WrongState(ToString(job.state),
@@ -248,9 +257,9 @@ absl::Status SqliteStore::DeleteJob(std::string_view id) {
   });
 }
 
-absl::StatusOr<JobRecord> SqliteStore::CancelJob(std::string_view id) {
+absl::StatusOr<JobRecord> SqliteStore::CancelJob(const Tenant& tenant, std::string_view id) {
   return Transact([&]() -> absl::StatusOr<JobRecord> {
-    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, id));
     ASSIGN_OR_RETURN(const JobRecord job, ReadJob(number));
     if (job.state == JobState::kCancelling || job.state == JobState::kCancelled) return job;
     if (HasEnded(job.state)) {
@@ -264,9 +273,9 @@ absl::StatusOr<JobRecord> SqliteStore::CancelJob(std::string_view id) {
   });
 }
 
-absl::StatusOr<JobRecord> SqliteStore::RetryJob(std::string_view id) {
+absl::StatusOr<JobRecord> SqliteStore::RetryJob(const Tenant& tenant, std::string_view id) {
   return Transact([&]() -> absl::StatusOr<JobRecord> {
-    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, id));
     ASSIGN_OR_RETURN(const JobRecord job, ReadJob(number));
     if (job.state != JobState::kFailed && job.state != JobState::kCancelled) {
       return WrongState(ToString(job.state),
@@ -296,7 +305,7 @@ absl::StatusOr<JobRecord> SqliteStore::RetryJob(std::string_view id) {
 
 absl::StatusOr<std::vector<PlannedInterval>> SqliteStore::JobIntervals(std::string_view id, int first, int count) {
   return Read([&]() -> absl::StatusOr<std::vector<PlannedInterval>> {
-    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(Tenant::Everyone(), id));
     std::vector<PlannedInterval> intervals;
     RETURN_IF_ERROR(database_->Run(
         "SELECT idx, first_frame, frame_count, held FROM intervals WHERE job = ? AND idx >= ? ORDER BY idx LIMIT ?",
@@ -308,9 +317,10 @@ absl::StatusOr<std::vector<PlannedInterval>> SqliteStore::JobIntervals(std::stri
   });
 }
 
-absl::StatusOr<std::vector<FrameRecord>> SqliteStore::JobFrames(std::string_view id, int first, int count, int render) {
+absl::StatusOr<std::vector<FrameRecord>> SqliteStore::JobFrames(const Tenant& tenant, std::string_view id, int first,
+                                                                int count, int render) {
   return Read([&]() -> absl::StatusOr<std::vector<FrameRecord>> {
-    ASSIGN_OR_RETURN(const int64_t number, JobNumber(id));
+    ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, id));
     std::vector<FrameRecord> frames;
     const auto on_row = [&frames](const SqlRow& row) {
       frames.push_back({.index = row.Int(0),

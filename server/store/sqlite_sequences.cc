@@ -14,7 +14,7 @@
 namespace depthtween::server {
 namespace {
 
-constexpr char kSequenceScope[] = "sequence";
+std::string SequenceScope(const Tenant& tenant) { return "sequence/" + tenant.name(); }
 
 std::string UploadScope(std::string_view sequence_id) { return "upload/" + std::string(sequence_id); }
 
@@ -36,7 +36,8 @@ std::string Fingerprint(std::string_view text) {
 }
 
 constexpr char kSequenceColumns[] =
-    "SELECT id, display_name, state, create_time_us, update_time_us, size_bytes, file_count, validation, number "
+    "SELECT id, display_name, state, create_time_us, update_time_us, size_bytes, file_count, validation, number, "
+    "tenant "
     "FROM sequences ";
 
 absl::StatusOr<SequenceRecord> ToSequence(const SqlRow& row) {
@@ -46,7 +47,8 @@ absl::StatusOr<SequenceRecord> ToSequence(const SqlRow& row) {
                            .create_time = absl::FromUnixMicros(row.Int64(3)),
                            .update_time = absl::FromUnixMicros(row.Int64(4)),
                            .size_bytes = row.Int64(5),
-                           .file_count = row.Int(6)};
+                           .file_count = row.Int(6),
+                           .tenant = row.Text(9)};
   if (!row.IsNull(7)) {
     ASSIGN_OR_RETURN(record.validation, ValidationResultFromJson(row.Text(7)));
   }
@@ -55,17 +57,19 @@ absl::StatusOr<SequenceRecord> ToSequence(const SqlRow& row) {
 
 }  // namespace
 
-absl::StatusOr<int64_t> SqliteStore::SequenceNumber(std::string_view id) {
+absl::StatusOr<int64_t> SqliteStore::SequenceNumber(const Tenant& tenant, std::string_view id) {
   ASSIGN_OR_RETURN(const std::optional<int64_t> number,
-                   database_->Number("SELECT number FROM sequences WHERE id = ?", {id}));
+                   database_->Number("SELECT number FROM sequences WHERE id = ?1 AND (?2 = '' OR tenant = ?2)",
+                                     {id, tenant.name()}));
   if (!number) return NoSuchResource("sequences/" + std::string(id));
   return *number;
 }
 
-absl::StatusOr<SequenceRecord> SqliteStore::ReadSequence(std::string_view id) {
-  static const std::string sql = std::string(kSequenceColumns) + "WHERE id = ?";
+absl::StatusOr<SequenceRecord> SqliteStore::ReadSequence(const Tenant& tenant, std::string_view id) {
+  static const std::string sql = std::string(kSequenceColumns) + "WHERE id = ?1 AND (?2 = '' OR tenant = ?2)";
   absl::StatusOr<SequenceRecord> record = NoSuchResource("sequences/" + std::string(id));
-  RETURN_IF_ERROR(database_->Run(sql.c_str(), {id}, [&record](const SqlRow& row) { record = ToSequence(row); }));
+  RETURN_IF_ERROR(
+      database_->Run(sql.c_str(), {id, tenant.name()}, [&record](const SqlRow& row) { record = ToSequence(row); }));
   return record;
 }
 
@@ -74,40 +78,45 @@ absl::Status SqliteStore::TouchSequence(int64_t number, SequenceState state) {
                         {state, NowUs(), number});
 }
 
-absl::StatusOr<SequenceRecord> SqliteStore::CreateSequence(std::string_view display_name, std::string_view request_id) {
+absl::StatusOr<SequenceRecord> SqliteStore::CreateSequence(const Tenant& tenant, std::string_view display_name,
+                                                           std::string_view request_id) {
+  if (tenant.name().empty()) return absl::InternalError("CreateSequence needs a tenant");
   RETURN_IF_ERROR(CheckText("sequence.display_name", display_name, limits_.max_display_name_bytes));
   const std::string fingerprint = Fingerprint(display_name);
   return Transact([&]() -> absl::StatusOr<SequenceRecord> {
-    ASSIGN_OR_RETURN(const std::optional<std::string> made, MadeBefore(kSequenceScope, request_id, fingerprint));
-    if (made) return ReadSequence(*made);
+    ASSIGN_OR_RETURN(const std::optional<std::string> made, MadeBefore(SequenceScope(tenant), request_id, fingerprint));
+    if (made) return ReadSequence(tenant, *made);
     const std::string id = NewId();
     const int64_t now = NowUs();
-    RETURN_IF_ERROR(database_->Run(
-        "INSERT INTO sequences (id, display_name, state, create_time_us, update_time_us) VALUES (?, ?, ?, ?, ?)",
-        {id, display_name, SequenceState::kUploading, now, now}));
-    RETURN_IF_ERROR(RememberRequest(kSequenceScope, request_id, fingerprint, id));
-    return ReadSequence(id);
+    RETURN_IF_ERROR(
+        database_->Run("INSERT INTO sequences (id, display_name, state, create_time_us, update_time_us, tenant) VALUES "
+                       "(?, ?, ?, ?, ?, ?)",
+                       {id, display_name, SequenceState::kUploading, now, now, tenant.name()}));
+    RETURN_IF_ERROR(RememberRequest(SequenceScope(tenant), request_id, fingerprint, id));
+    return ReadSequence(tenant, id);
   });
 }
 
-absl::StatusOr<SequenceRecord> SqliteStore::GetSequence(std::string_view id) {
-  return Read([&] { return ReadSequence(id); });
+absl::StatusOr<SequenceRecord> SqliteStore::GetSequence(const Tenant& tenant, std::string_view id) {
+  return Read([&] { return ReadSequence(tenant, id); });
 }
 
-absl::StatusOr<Page<SequenceRecord>> SqliteStore::ListSequences(const SequenceFilter& filter, const PageRequest& page) {
+absl::StatusOr<Page<SequenceRecord>> SqliteStore::ListSequences(const Tenant& tenant, const SequenceFilter& filter,
+                                                                const PageRequest& page) {
   const int state = filter.state ? static_cast<int>(*filter.state) : 0;
-  const std::string list = absl::StrCat("sequences state=", state);
+  const std::string list = absl::StrCat("sequences of ", tenant.name(), " state=", state);
   ASSIGN_OR_RETURN(const int64_t before, ParsePageToken(page, list));
   ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_));
   static const std::string sql =
-      std::string(kSequenceColumns) + "WHERE number < ?1 AND (?2 = 0 OR state = ?2) ORDER BY number DESC LIMIT ?3";
+      std::string(kSequenceColumns) +
+      "WHERE number < ?1 AND (?2 = 0 OR state = ?2) AND (?4 = '' OR tenant = ?4) ORDER BY number DESC LIMIT ?3";
   return Read([&]() -> absl::StatusOr<Page<SequenceRecord>> {
     Page<SequenceRecord> result;
     absl::Status damage;
     int64_t last = 0;
     bool more = false;
     // One row beyond the page tells whether there is a next one.
-    RETURN_IF_ERROR(database_->Run(sql.c_str(), {before, state, size + 1}, [&](const SqlRow& row) {
+    RETURN_IF_ERROR(database_->Run(sql.c_str(), {before, state, size + 1, tenant.name()}, [&](const SqlRow& row) {
       more = static_cast<int>(result.items.size()) == size;
       if (more) return;
       absl::StatusOr<SequenceRecord> record = ToSequence(row);
@@ -121,9 +130,9 @@ absl::StatusOr<Page<SequenceRecord>> SqliteStore::ListSequences(const SequenceFi
   });
 }
 
-absl::Status SqliteStore::DeleteSequence(std::string_view id) {
+absl::Status SqliteStore::DeleteSequence(const Tenant& tenant, std::string_view id) {
   return Transact([&]() -> absl::Status {
-    ASSIGN_OR_RETURN(const SequenceRecord record, ReadSequence(id));
+    ASSIGN_OR_RETURN(const SequenceRecord record, ReadSequence(tenant, id));
     if (record.state == SequenceState::kValidating) {
       return WrongState(ToString(record.state), "the sequence is being validated; wait until it is READY or INVALID");
     }
@@ -168,7 +177,7 @@ absl::Status SqliteStore::CheckNewFiles(int64_t sequence, const std::vector<Uplo
   return absl::OkStatus();
 }
 
-absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(std::string_view sequence_id,
+absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(const Tenant& tenant, std::string_view sequence_id,
                                                        const std::vector<UploadFile>& files, int64_t room_bytes,
                                                        std::string_view request_id) {
   if (files.empty()) return BadField("upload.files", "upload.files is empty, must name at least one file");
@@ -198,10 +207,10 @@ absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(std::string_view sequence
   }
   const std::string fingerprint = Fingerprint(files);
   return Transact([&]() -> absl::StatusOr<UploadRecord> {
-    ASSIGN_OR_RETURN(const SequenceRecord sequence, ReadSequence(sequence_id));
+    ASSIGN_OR_RETURN(const SequenceRecord sequence, ReadSequence(tenant, sequence_id));
     ASSIGN_OR_RETURN(const std::optional<std::string> made,
                      MadeBefore(UploadScope(sequence_id), request_id, fingerprint));
-    if (made) return ReadUpload(*made);
+    if (made) return ReadUpload(tenant, *made);
     if (sequence.state != SequenceState::kUploading) {
       return WrongState(ToString(sequence.state), "the sequence is committed and takes no more files; create another");
     }
@@ -219,7 +228,7 @@ absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(std::string_view sequence
     if (size_bytes > room_bytes) {
       return DiskFull(absl::StrFormat("the upload needs %d bytes, there is room for %d", size_bytes, room_bytes));
     }
-    ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(sequence_id));
+    ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(tenant, sequence_id));
     RETURN_IF_ERROR(CheckNewFiles(number, files));
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run("INSERT INTO uploads (id, sequence, size_bytes, create_time_us) VALUES (?, ?, ?, ?)",
@@ -236,29 +245,30 @@ absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(std::string_view sequence
                        "= ? WHERE number = ?",
                        {size_bytes, files.size(), NowUs(), number}));
     RETURN_IF_ERROR(RememberRequest(UploadScope(sequence_id), request_id, fingerprint, id));
-    return ReadUpload(id);
+    return ReadUpload(tenant, id);
   });
 }
 
-absl::StatusOr<UploadRecord> SqliteStore::ReadUpload(std::string_view id) {
+absl::StatusOr<UploadRecord> SqliteStore::ReadUpload(const Tenant& tenant, std::string_view id) {
   absl::StatusOr<UploadRecord> record = NoSuchResource("uploads/" + std::string(id));
-  RETURN_IF_ERROR(
-      database_->Run("SELECT u.id, s.id, u.size_bytes, u.committed_size, u.finished, u.create_time_us "
-                     "FROM uploads u JOIN sequences s ON s.number = u.sequence WHERE u.id = ?",
-                     {id}, [&record](const SqlRow& row) {
-                       record = UploadRecord{.id = row.Text(0),
-                                             .sequence_id = row.Text(1),
-                                             .size_bytes = row.Int64(2),
-                                             .committed_size = row.Int64(3),
-                                             .finished = row.Int(4) != 0,
-                                             .create_time = absl::FromUnixMicros(row.Int64(5))};
-                     }));
+  RETURN_IF_ERROR(database_->Run(
+      "SELECT u.id, s.id, u.size_bytes, u.committed_size, u.finished, u.create_time_us "
+      "FROM uploads u JOIN sequences s ON s.number = u.sequence WHERE u.id = ?1 AND (?2 = '' OR s.tenant = ?2)",
+      {id, tenant.name()}, [&record](const SqlRow& row) {
+        record = UploadRecord{.id = row.Text(0),
+                              .sequence_id = row.Text(1),
+                              .size_bytes = row.Int64(2),
+                              .committed_size = row.Int64(3),
+                              .finished = row.Int(4) != 0,
+                              .create_time = absl::FromUnixMicros(row.Int64(5))};
+      }));
   return record;
 }
 
-absl::StatusOr<UploadRecord> SqliteStore::GetUpload(std::string_view sequence_id, std::string_view upload_id) {
+absl::StatusOr<UploadRecord> SqliteStore::GetUpload(const Tenant& tenant, std::string_view sequence_id,
+                                                    std::string_view upload_id) {
   return Read([&]() -> absl::StatusOr<UploadRecord> {
-    absl::StatusOr<UploadRecord> record = ReadUpload(upload_id);
+    absl::StatusOr<UploadRecord> record = ReadUpload(tenant, upload_id);
     if (absl::IsNotFound(record.status()) || (record.ok() && record->sequence_id != sequence_id)) {
       return NoSuchResource(
           absl::StrFormat("sequences/%s/uploads/%s", std::string(sequence_id), std::string(upload_id)));
@@ -283,7 +293,7 @@ absl::StatusOr<std::vector<UploadFile>> SqliteStore::UploadFiles(std::string_vie
 
 absl::Status SqliteStore::SetCommittedSize(std::string_view upload_id, int64_t committed_size) {
   return Transact([&]() -> absl::Status {
-    ASSIGN_OR_RETURN(const UploadRecord upload, ReadUpload(upload_id));
+    ASSIGN_OR_RETURN(const UploadRecord upload, ReadUpload(Tenant::Everyone(), upload_id));
     if (upload.finished) return WrongState("FINISHED", "the upload is finished and takes no more bytes");
     if (committed_size < 0 || committed_size > upload.size_bytes) {
       return absl::InternalError(
@@ -295,7 +305,7 @@ absl::Status SqliteStore::SetCommittedSize(std::string_view upload_id, int64_t c
 
 absl::StatusOr<UploadRecord> SqliteStore::FinishUpload(std::string_view upload_id) {
   return Transact([&]() -> absl::StatusOr<UploadRecord> {
-    ASSIGN_OR_RETURN(UploadRecord upload, ReadUpload(upload_id));
+    ASSIGN_OR_RETURN(UploadRecord upload, ReadUpload(Tenant::Everyone(), upload_id));
     if (upload.finished) return upload;
     if (upload.committed_size != upload.size_bytes) {
       return WrongState("RECEIVING", absl::StrFormat("the upload has %d of %d bytes; send the rest before finish",
@@ -307,13 +317,13 @@ absl::StatusOr<UploadRecord> SqliteStore::FinishUpload(std::string_view upload_i
   });
 }
 
-absl::StatusOr<SequenceRecord> SqliteStore::CommitSequence(std::string_view id) {
+absl::StatusOr<SequenceRecord> SqliteStore::CommitSequence(const Tenant& tenant, std::string_view id) {
   return Transact([&]() -> absl::StatusOr<SequenceRecord> {
-    ASSIGN_OR_RETURN(const SequenceRecord record, ReadSequence(id));
+    ASSIGN_OR_RETURN(const SequenceRecord record, ReadSequence(tenant, id));
     if (record.state != SequenceState::kUploading) return record;
     if (record.file_count == 0)
       return WrongState("UPLOADING", "the sequence has no files; upload some before the commit");
-    ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(id));
+    ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(tenant, id));
     std::string unfinished;
     RETURN_IF_ERROR(
         database_->Run("SELECT id, committed_size, size_bytes FROM uploads WHERE sequence = ? AND finished = 0 LIMIT 1",
@@ -324,7 +334,7 @@ absl::StatusOr<SequenceRecord> SqliteStore::CommitSequence(std::string_view id) 
     if (!unfinished.empty()) return WrongState("UPLOADING", unfinished);
     RETURN_IF_ERROR(TouchSequence(number, SequenceState::kValidating));
     RETURN_IF_ERROR(AddTask(TaskKind::kValidate, number, /*failures=*/0));
-    return ReadSequence(id);
+    return ReadSequence(tenant, id);
   });
 }
 

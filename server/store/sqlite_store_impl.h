@@ -23,26 +23,33 @@ class SqliteStore : public Store {
   absl::StatusOr<std::optional<std::string>> FolderId() override;
   absl::Status SetFolderId(std::string_view id) override;
 
-  absl::StatusOr<SequenceRecord> CreateSequence(std::string_view display_name, std::string_view request_id) override;
-  absl::StatusOr<SequenceRecord> GetSequence(std::string_view id) override;
-  absl::StatusOr<Page<SequenceRecord>> ListSequences(const SequenceFilter& filter, const PageRequest& page) override;
-  absl::Status DeleteSequence(std::string_view id) override;
-  absl::StatusOr<UploadRecord> CreateUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
-                                            int64_t room_bytes, std::string_view request_id) override;
-  absl::StatusOr<UploadRecord> GetUpload(std::string_view sequence_id, std::string_view upload_id) override;
+  absl::StatusOr<SequenceRecord> CreateSequence(const Tenant& tenant, std::string_view display_name,
+                                                std::string_view request_id) override;
+  absl::StatusOr<SequenceRecord> GetSequence(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<Page<SequenceRecord>> ListSequences(const Tenant& tenant, const SequenceFilter& filter,
+                                                     const PageRequest& page) override;
+  absl::Status DeleteSequence(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<UploadRecord> CreateUpload(const Tenant& tenant, std::string_view sequence_id,
+                                            const std::vector<UploadFile>& files, int64_t room_bytes,
+                                            std::string_view request_id) override;
+  absl::StatusOr<UploadRecord> GetUpload(const Tenant& tenant, std::string_view sequence_id,
+                                         std::string_view upload_id) override;
   absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) override;
   absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size) override;
   absl::StatusOr<UploadRecord> FinishUpload(std::string_view upload_id) override;
-  absl::StatusOr<SequenceRecord> CommitSequence(std::string_view id) override;
+  absl::StatusOr<SequenceRecord> CommitSequence(const Tenant& tenant, std::string_view id) override;
 
-  absl::StatusOr<JobRecord> CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) override;
-  absl::StatusOr<JobRecord> GetJob(std::string_view id) override;
-  absl::StatusOr<Page<JobRecord>> ListJobs(const JobFilter& filter, const PageRequest& page) override;
-  absl::Status DeleteJob(std::string_view id) override;
-  absl::StatusOr<JobRecord> CancelJob(std::string_view id) override;
-  absl::StatusOr<JobRecord> RetryJob(std::string_view id) override;
+  absl::StatusOr<JobRecord> CreateJob(const Tenant& tenant, const NewJob& job, std::string_view request_id,
+                                      bool validate_only) override;
+  absl::StatusOr<JobRecord> GetJob(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<Page<JobRecord>> ListJobs(const Tenant& tenant, const JobFilter& filter,
+                                           const PageRequest& page) override;
+  absl::Status DeleteJob(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<JobRecord> CancelJob(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<JobRecord> RetryJob(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<std::vector<PlannedInterval>> JobIntervals(std::string_view id, int first, int count) override;
-  absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count, int render) override;
+  absl::StatusOr<std::vector<FrameRecord>> JobFrames(const Tenant& tenant, std::string_view id, int first, int count,
+                                                     int render) override;
 
   absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) override;
   absl::Status FinishValidation(int64_t task, const ValidationResult& result) override;
@@ -88,17 +95,17 @@ class SqliteStore : public Store {
   absl::Status RememberRequest(const std::string& scope, std::string_view request_id, const std::string& fingerprint,
                                const std::string& made_id);
 
-  absl::StatusOr<int64_t> SequenceNumber(std::string_view id);
-  absl::StatusOr<SequenceRecord> ReadSequence(std::string_view id);
+  absl::StatusOr<int64_t> SequenceNumber(const Tenant& tenant, std::string_view id);
+  absl::StatusOr<SequenceRecord> ReadSequence(const Tenant& tenant, std::string_view id);
   absl::Status TouchSequence(int64_t number, SequenceState state);
-  absl::StatusOr<UploadRecord> ReadUpload(std::string_view id);
+  absl::StatusOr<UploadRecord> ReadUpload(const Tenant& tenant, std::string_view id);
   absl::Status CheckNewFiles(int64_t sequence, const std::vector<UploadFile>& files);
 
-  absl::StatusOr<int64_t> JobNumber(std::string_view id);
+  absl::StatusOr<int64_t> JobNumber(const Tenant& tenant, std::string_view id);
   absl::StatusOr<JobRecord> ReadJob(int64_t number);
   absl::Status ReadRenders(JobRecord& job);
   // The job that job.depth_from names. FailedPrecondition or InvalidArgument unless it can give what `job` asks for.
-  absl::StatusOr<JobRecord> FindDepthFrom(const NewJob& job);
+  absl::StatusOr<JobRecord> FindDepthFrom(const Tenant& tenant, const NewJob& job);
   absl::Status EndJob(int64_t number, JobState state, const absl::Status& error);
 
   absl::Status AddTask(TaskKind kind, int64_t owner, int failures);

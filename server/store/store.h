@@ -1,9 +1,10 @@
 // The server's records of sequences, uploads, jobs and tasks: what must survive kill -9.
 //
-// Every method is one transaction: when it returns OK the change is durable, otherwise nothing has changed.
-// Errors everywhere: NotFound for an unknown id; ResourceExhausted (DISK_FULL) when the disk is full, (SERVER_BUSY)
-// when another process holds the database for seconds; Internal for a fault of the database. Reasons are those of
-// error_info.h. Threads: all methods may be called concurrently.
+// Every method is one transaction: when it returns OK the change is durable, otherwise nothing has changed. Methods
+// that a client's call can reach take the tenant that it is of, and see nothing of others. Errors everywhere: NotFound
+// for an unknown id; ResourceExhausted (DISK_FULL) when the disk is full, (SERVER_BUSY) when another process holds the
+// database for seconds; Internal for a fault of the database. Reasons are those of error_info.h. Threads: all methods
+// may be called concurrently.
 #ifndef DEPTHTWEEN_SERVER_STORE_STORE_H_
 #define DEPTHTWEEN_SERVER_STORE_STORE_H_
 
@@ -17,6 +18,7 @@
 #include "core/base/status.h"
 #include "server/store/limits.h"
 #include "server/store/records.h"
+#include "server/store/tenant.h"
 
 namespace depthtween::server {
 
@@ -55,19 +57,23 @@ class Store {
   // `request_id` may be empty. The same id with the same arguments returns what the first call made; with other
   // arguments AlreadyExists (IDEMPOTENCY_MISMATCH). The id is forgotten when what it made is deleted. CreateUpload and
   // CreateJob do the same.
-  virtual absl::StatusOr<SequenceRecord> CreateSequence(std::string_view display_name, std::string_view request_id) = 0;
-  virtual absl::StatusOr<SequenceRecord> GetSequence(std::string_view id) = 0;
+  virtual absl::StatusOr<SequenceRecord> CreateSequence(const Tenant& tenant, std::string_view display_name,
+                                                        std::string_view request_id) = 0;
+  virtual absl::StatusOr<SequenceRecord> GetSequence(const Tenant& tenant, std::string_view id) = 0;
   // Newest first. InvalidArgument for a token that is not of this list and filter.
-  virtual absl::StatusOr<Page<SequenceRecord>> ListSequences(const SequenceFilter& filter, const PageRequest& page) = 0;
+  virtual absl::StatusOr<Page<SequenceRecord>> ListSequences(const Tenant& tenant, const SequenceFilter& filter,
+                                                             const PageRequest& page) = 0;
   // FailedPrecondition while validating or while a job that has not ended uses it.
-  virtual absl::Status DeleteSequence(std::string_view id) = 0;
+  virtual absl::Status DeleteSequence(const Tenant& tenant, std::string_view id) = 0;
 
   // ---- uploads ----
   // Checks paths, sizes and limits. InvalidArgument names the file; AlreadyExists (DUPLICATE_PATH) if the sequence has
   // it; ResourceExhausted (LIMIT_EXCEEDED); FailedPrecondition unless kUploading.
-  virtual absl::StatusOr<UploadRecord> CreateUpload(std::string_view sequence_id, const std::vector<UploadFile>& files,
-                                                    int64_t room_bytes, std::string_view request_id) = 0;
-  virtual absl::StatusOr<UploadRecord> GetUpload(std::string_view sequence_id, std::string_view upload_id) = 0;
+  virtual absl::StatusOr<UploadRecord> CreateUpload(const Tenant& tenant, std::string_view sequence_id,
+                                                    const std::vector<UploadFile>& files, int64_t room_bytes,
+                                                    std::string_view request_id) = 0;
+  virtual absl::StatusOr<UploadRecord> GetUpload(const Tenant& tenant, std::string_view sequence_id,
+                                                 std::string_view upload_id) = 0;
   // The manifest, in order.
   virtual absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) = 0;
   // Moves committed_size. FailedPrecondition if the upload is finished or its sequence is no longer kUploading.
@@ -77,31 +83,33 @@ class Store {
 
   // kUploading -> kValidating, with a validate task. FailedPrecondition if an upload is unfinished or there is none.
   // Repeating it changes nothing.
-  virtual absl::StatusOr<SequenceRecord> CommitSequence(std::string_view id) = 0;
+  virtual absl::StatusOr<SequenceRecord> CommitSequence(const Tenant& tenant, std::string_view id) = 0;
 
   // ---- jobs ----
   // FailedPrecondition unless the sequence is kReady, or when job.depth_from has no depth to give; InvalidArgument when
   // that is another depth; ResourceExhausted (LIMIT_EXCEEDED) when the queue is full. The self-check of depth_from, if
   // there is one, counts for this job too when it asks for one.
   // With `validate_only` nothing is made and the record has no id.
-  virtual absl::StatusOr<JobRecord> CreateJob(const NewJob& job, std::string_view request_id, bool validate_only) = 0;
-  virtual absl::StatusOr<JobRecord> GetJob(std::string_view id) = 0;
+  virtual absl::StatusOr<JobRecord> CreateJob(const Tenant& tenant, const NewJob& job, std::string_view request_id,
+                                              bool validate_only) = 0;
+  virtual absl::StatusOr<JobRecord> GetJob(const Tenant& tenant, std::string_view id) = 0;
   // Newest first. InvalidArgument for a token that is not of this list and filter.
-  virtual absl::StatusOr<Page<JobRecord>> ListJobs(const JobFilter& filter, const PageRequest& page) = 0;
+  virtual absl::StatusOr<Page<JobRecord>> ListJobs(const Tenant& tenant, const JobFilter& filter,
+                                                   const PageRequest& page) = 0;
   // FailedPrecondition unless it has ended.
-  virtual absl::Status DeleteJob(std::string_view id) = 0;
+  virtual absl::Status DeleteJob(const Tenant& tenant, std::string_view id) = 0;
   // kQueued -> kCancelled, kRunning -> kCancelling (kCancelled when no task of it is running). No task of it starts any
   // more. Repeating it changes nothing; FailedPrecondition if it ended otherwise.
-  virtual absl::StatusOr<JobRecord> CancelJob(std::string_view id) = 0;
+  virtual absl::StatusOr<JobRecord> CancelJob(const Tenant& tenant, std::string_view id) = 0;
   // kFailed | kCancelled -> kQueued, keeping finished intervals and the self-check. FailedPrecondition otherwise, or if
   // the sequence is gone.
-  virtual absl::StatusOr<JobRecord> RetryJob(std::string_view id) = 0;
+  virtual absl::StatusOr<JobRecord> RetryJob(const Tenant& tenant, std::string_view id) = 0;
   // Intervals [first, first + count) of its plan; none before `prepare`.
   virtual absl::StatusOr<std::vector<PlannedInterval>> JobIntervals(std::string_view id, int first, int count) = 0;
   // Frames [first, first + count) that the job will have; fewer at its end, none before `prepare`. They are ready as
   // depth is, or with `render` >= 0 as the pictures of that one of JobRecord::renders are.
-  virtual absl::StatusOr<std::vector<FrameRecord>> JobFrames(std::string_view id, int first, int count,
-                                                             int render = -1) = 0;
+  virtual absl::StatusOr<std::vector<FrameRecord>> JobFrames(const Tenant& tenant, std::string_view id, int first,
+                                                             int count, int render = -1) = 0;
 
   // ---- work ----
   // Grammar for one task:  ClaimTask (FinishValidation | FinishSelfCheck | FinishPrepare | FailTask | ReleaseTask)

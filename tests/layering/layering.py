@@ -36,8 +36,9 @@ MODULES = {
     # The server knows recordings as values and files, never the algorithms: those run in child processes.
     "server/telemetry": [],
     "server/store": ["core/options", "proto/depthtween"],
+    "server/access": ["server/store", "server/telemetry"],
     "server/jobs": ["server/store", "server/telemetry"],
-    "server/rpc": ["server/jobs", "core/io"],
+    "server/rpc": ["server/access", "server/jobs", "core/io"],
     "server": ["server/rpc"],
     "client/lib": ["proto/depthtween", "core/base"],
     "client/cli": ["client/lib", "core/flags"],

@@ -15,10 +15,14 @@
 
 #include "core/base/status.h"
 #include "server/store/error_info.h"
+#include "server/store/tenant.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temporary_folder.h"
 
 namespace depthtween::server {
+
+// Whose the sequences and jobs of a test are.
+inline const Tenant kTenant(kDefaultTenant);
 
 // A status with this code and this reason of error_info.h.
 MATCHER_P2(HasReason, code, reason, absl::StrCat("has code ", absl::StatusCodeToString(code), " and reason ", reason)) {

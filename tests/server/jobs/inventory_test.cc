@@ -77,7 +77,7 @@ TEST_F(InventoryTest, ARestoredDatabaseKeepsWhatItDoesNotKnow) {
   RemoveDatabase();
   fs::copy_file(folder_ / "yesterday", Data("depthtween.sqlite"));
   Start();
-  EXPECT_EQ(Take(sequences_->Get(known)).state, SequenceState::kReady);
+  EXPECT_EQ(Take(sequences_->Get(kTenant, known)).state, SequenceState::kReady);
   EXPECT_TRUE(fs::exists(Data("sequences/" + known + "/script")));
   EXPECT_THAT(NamesIn(Data("jobs")), SizeIs(1));
   EXPECT_THAT(NamesIn(Data("quarantine")), SizeIs(2));

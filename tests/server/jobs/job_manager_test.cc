@@ -23,14 +23,14 @@ class JobManagerTest : public JobsFixture {};
 TEST_F(JobManagerTest, WholeLife) {
   Start();
   const std::string sequence = ReadySequence();
-  const Recording recording = *Take(sequences_->Get(sequence)).validation.recording;
+  const Recording recording = *Take(sequences_->Get(kTenant, sequence)).validation.recording;
   EXPECT_EQ(recording.color_frame_count, 2);
   EXPECT_EQ(recording.depth_frame_count, 1);
   EXPECT_EQ(recording.camera.cx, 1.5);
   EXPECT_EQ(recording.last_time_ns, 20);
 
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"key_every":2})"}, "", false)).record.id;
+      Take(jobs_->Create(kTenant, {.sequence_id = sequence, .options = R"({"key_every":2})"}, "", false)).record.id;
   const JobView ended = Ended(job);
   EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
   EXPECT_EQ(ended.progress.stage, "succeeded");
@@ -38,7 +38,7 @@ TEST_F(JobManagerTest, WholeLife) {
   EXPECT_EQ(ended.progress.frames_done, 6);
   EXPECT_EQ(ended.record.interval_seconds, 0.75);
   EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
-  for (const FrameRecord& frame : Take(jobs_->Frames(job, 0, 100))) {
+  for (const FrameRecord& frame : Take(jobs_->Frames(kTenant, job, 0, 100))) {
     EXPECT_TRUE(frame.ready);
     EXPECT_EQ(frame.time_ns, 1000 * frame.index);
     EXPECT_EQ(Frame(job, "depth", frame.stem), "depth " + std::to_string(frame.index));
@@ -50,9 +50,9 @@ TEST_F(JobManagerTest, WholeLife) {
             "{\"upsample\":" + Take(CanonicalJobOptions(JobKind::kUpsample, R"({"key_every":2})", "options")) + "}");
   WaitUntil([&] { return std::filesystem::is_empty(directory_->TasksFolder()); });
 
-  EXPECT_THAT(jobs_->Delete(job), IsOk());
+  EXPECT_THAT(jobs_->Delete(kTenant, job), IsOk());
   EXPECT_FALSE(std::filesystem::exists(directory_->JobFolder(job)));
-  EXPECT_THAT(jobs_->Get(job), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(jobs_->Get(kTenant, job), HasCode(absl::StatusCode::kNotFound));
 }
 
 TEST_F(JobManagerTest, ValidationNamesTheFile) {
@@ -90,10 +90,10 @@ TEST_F(JobManagerTest, ThirdCrashFailsTheJobWithItsReason) {
   EXPECT_EQ(failed.state, JobState::kFailed);
   EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kInternal));
   EXPECT_THAT(std::string(failed.error.message()), HasSubstr("SIGSEGV"));
-  EXPECT_TRUE(Take(jobs_->Frames(job, 0, 1))[0].ready) << "finished frames stay readable";
+  EXPECT_TRUE(Take(jobs_->Frames(kTenant, job, 0, 1))[0].ready) << "finished frames stay readable";
 
   // The script has no fourth crash.
-  EXPECT_EQ(Take(jobs_->Retry(job)).record.attempt, 2);
+  EXPECT_EQ(Take(jobs_->Retry(kTenant, job)).record.attempt, 2);
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
   EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
 }
@@ -149,7 +149,7 @@ TEST_F(JobManagerTest, FullDiskFailsTheTaskAndHarmsNothingElse) {
   EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kResourceExhausted));
   EXPECT_EQ(Ended(NewJobOn(ready)).record.state, JobState::kSucceeded);
   std::filesystem::remove(disk.path() + "/filler");
-  EXPECT_THAT(jobs_->Retry(job), IsOk());
+  EXPECT_THAT(jobs_->Retry(kTenant, job), IsOk());
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
   Close();
 }
@@ -174,7 +174,7 @@ TEST_F(JobManagerTest, FullDiskMakesTheQueueWait) {
   WaitUntil([&] { return NamesIn(disk.path() + "/tasks").empty(); });
   EXPECT_EQ(State(job), JobState::kRunning);
   for (const std::string& id : waiting) EXPECT_EQ(State(id), JobState::kQueued);
-  EXPECT_EQ(Take(sequences_->Get(ready)).id, ready) << "reads go on";
+  EXPECT_EQ(Take(sequences_->Get(kTenant, ready)).id, ready) << "reads go on";
   std::filesystem::remove(disk.path() + "/filler");
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
   for (const std::string& id : waiting) EXPECT_EQ(Ended(id).record.state, JobState::kSucceeded);
@@ -196,7 +196,7 @@ TEST_F(JobManagerTest, StartsOnAFullDisk) {
   StartJobs(1, {.min_free_bytes = 700 << 10});
   EXPECT_EQ(State(job), JobState::kSucceeded);
   EXPECT_EQ(Frame(job, "depth", "000001"), "depth 1");
-  EXPECT_THAT(jobs_->Delete(job), IsOk());
+  EXPECT_THAT(jobs_->Delete(kTenant, job), IsOk());
   Close();
 }
 
@@ -208,16 +208,16 @@ TEST_F(JobManagerTest, CancelFreesTheProcessor) {
   // Two processes for interval 0, and two for interval 1, which waits.
   WaitUntil([&] { return Logged(sequence, "start").size() == 4; });
   const std::vector<int> processes = Logged(sequence, "start");
-  EXPECT_THAT(jobs_->Delete(job), HasCode(absl::StatusCode::kFailedPrecondition));
-  EXPECT_EQ(Take(jobs_->Cancel(job)).record.state, JobState::kCancelling);
+  EXPECT_THAT(jobs_->Delete(kTenant, job), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_EQ(Take(jobs_->Cancel(kTenant, job)).record.state, JobState::kCancelling);
   EXPECT_EQ(Ended(job).record.state, JobState::kCancelled);
   for (const int process : processes) WaitUntil([&] { return !IsAlive(process); });
-  EXPECT_THAT(jobs_->Cancel(job), IsOk());
+  EXPECT_THAT(jobs_->Cancel(kTenant, job), IsOk());
   // The worker is free for others, and the finished frames are there.
   EXPECT_EQ(Ended(NewJobOn(ReadySequence())).record.state, JobState::kSucceeded);
   EXPECT_EQ(Frame(job, "depth", "000001"), "depth 1");
   Go(sequence);
-  EXPECT_THAT(jobs_->Retry(job), IsOk());
+  EXPECT_THAT(jobs_->Retry(kTenant, job), IsOk());
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
   EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
 }
@@ -238,7 +238,7 @@ TEST_F(JobManagerTest, TwoWorkersShareAJob) {
   const std::string sequence = ReadySequence("intervals 12\nwait_at 0\n");
   const std::string job = NewJobOn(sequence);
   WaitUntil([&] { return View(job).record.intervals_done >= 10; });
-  EXPECT_FALSE(Take(jobs_->Frames(job, 0, 1))[0].ready);
+  EXPECT_FALSE(Take(jobs_->Frames(kTenant, job, 0, 1))[0].ready);
   const JobView running = View(job);
   EXPECT_EQ(running.record.state, JobState::kRunning);
   ASSERT_TRUE(running.progress.eta.has_value());
@@ -259,9 +259,9 @@ TEST_F(JobManagerTest, QueueMovesUp) {
   EXPECT_EQ(View(third).progress.queue_position, 2);
   EXPECT_EQ(View(third).progress.stage, "queued");
   EXPECT_FALSE(View(third).progress.eta.has_value());
-  EXPECT_EQ(Take(jobs_->Cancel(second)).record.state, JobState::kCancelled);
+  EXPECT_EQ(Take(jobs_->Cancel(kTenant, second)).record.state, JobState::kCancelled);
   EXPECT_EQ(View(third).progress.queue_position, 1);
-  EXPECT_THAT(Take(jobs_->List({.state = JobState::kQueued}, {})).items, SizeIs(1));
+  EXPECT_THAT(Take(jobs_->List(kTenant, {.state = JobState::kQueued}, {})).items, SizeIs(1));
   Go(sequence);
   EXPECT_EQ(Ended(third).record.state, JobState::kSucceeded);
 }
@@ -290,7 +290,7 @@ TEST_F(JobManagerTest, KilledServerResumesWithWhatIsUnfinished) {
     const std::string sequence = ReadySequence("intervals 20\nwait_at 13\n");
     Close();
     OpenStores(folder_ / "data");
-    const std::string job = Take(store_->CreateJob({.sequence_id = sequence}, "", false)).id;
+    const std::string job = Take(store_->CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
     Close();
 
     const std::string data = folder_ / "data", count = std::to_string(workers);
@@ -312,11 +312,11 @@ TEST_F(JobManagerTest, KilledServerResumesWithWhatIsUnfinished) {
 
     OpenStores(folder_ / "data");
     const std::vector<int> before = Logged(sequence, "interval");
-    const JobRecord left = Take(store_->GetJob(job));
+    const JobRecord left = Take(store_->GetJob(kTenant, job));
     EXPECT_EQ(left.state, JobState::kRunning);
     for (const int child : Logged(sequence, "start")) WaitUntil([&] { return !IsAlive(child); });
     std::set<int> recorded;
-    for (const FrameRecord& frame : Take(store_->JobFrames(job, 0, 40))) {
+    for (const FrameRecord& frame : Take(store_->JobFrames(kTenant, job, 0, 40))) {
       if (frame.ready) recorded.insert(frame.index / 2);
     }
     EXPECT_EQ(static_cast<int>(recorded.size()), left.intervals_done);
@@ -353,7 +353,7 @@ TEST_F(JobManagerTest, SelfCheckIsMeasuredFirstAndIsPartOfTheReport) {
   Start(2);
   const std::string sequence = ReadySequence("wait_check\n");
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false)).record.id;
+      Take(jobs_->Create(kTenant, {.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false)).record.id;
   WaitUntil([&] { return View(job).progress.stage == "self-check, map 1 of 1"; });
   EXPECT_EQ(View(job).record.intervals_total, 0) << "nothing else is begun";
   Go(sequence);
@@ -372,7 +372,8 @@ TEST_F(JobManagerTest, SelfCheckThatCannotBeMadeStopsNothing) {
   Start();
   const std::string sequence = ReadySequence("no_check\n");
   const JobView ended =
-      Ended(Take(jobs_->Create({.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false)).record.id);
+      Ended(Take(jobs_->Create(kTenant, {.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false))
+                .record.id);
   EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
   EXPECT_EQ(ended.record.self_check->reason, "too short");
 }
@@ -381,7 +382,7 @@ TEST_F(JobManagerTest, StoppedServerMeasuresTheSelfCheckAgainAndAFinishedOneNeve
   Start();
   const std::string sequence = ReadySequence("wait_check\n");
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false)).record.id;
+      Take(jobs_->Create(kTenant, {.sequence_id = sequence, .options = R"({"self_check":true})"}, "", false)).record.id;
   WaitUntil([&] { return Logged(sequence, "check").size() == 1; });
   Close();
   Start();
@@ -393,7 +394,7 @@ TEST_F(JobManagerTest, StoppedServerMeasuresTheSelfCheckAgainAndAFinishedOneNeve
   Start();
   EXPECT_EQ(View(job).record.self_check->summary, "it errs by 7 mm");
   WriteText(directory_->SequenceFolder(sequence) + "/script", "");
-  EXPECT_THAT(jobs_->Retry(job), IsOk());
+  EXPECT_THAT(jobs_->Retry(kTenant, job), IsOk());
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
   EXPECT_THAT(Logged(sequence, "check"), SizeIs(2));
 }
@@ -404,7 +405,8 @@ TEST_F(JobManagerTest, PicturesAreRenderedBesideDepthAndAssembledAtTheEnd) {
     StartJobs(workers);
     const std::string sequence = ReadySequence("intervals 4\n");
     const std::string job =
-        Take(jobs_->Create({.sequence_id = sequence, .renders = {{.options = kDof}, {.options = kStereo}}}, "", false))
+        Take(jobs_->Create(kTenant, {.sequence_id = sequence, .renders = {{.options = kDof}, {.options = kStereo}}}, "",
+                           false))
             .record.id;
     const JobView ended = Ended(job);
     EXPECT_EQ(ended.record.state, JobState::kSucceeded) << ended.record.error;
@@ -422,13 +424,13 @@ TEST_F(JobManagerTest, PicturesAreReadyWhileTheJobRuns) {
   Start();
   const std::string sequence = ReadySequence("intervals 4\nwait_at 2\n");
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .renders = {{.options = kDof}}}, "", false)).record.id;
+      Take(jobs_->Create(kTenant, {.sequence_id = sequence, .renders = {{.options = kDof}}}, "", false)).record.id;
   // With one worker the batch of intervals that waits holds it: pictures come from the next one on.
   WaitUntil([&] { return View(job).record.intervals_done == 2; });
   EXPECT_EQ(State(job), JobState::kRunning);
-  WaitUntil([&] { return Take(jobs_->Frames(job, 0, 1, 0))[0].ready; });
+  WaitUntil([&] { return Take(jobs_->Frames(kTenant, job, 0, 1, 0))[0].ready; });
   EXPECT_EQ(Frame(job, "dof", "000001"), "dof 1");
-  EXPECT_FALSE(Take(jobs_->Frames(job, 2, 1, 0))[0].ready);
+  EXPECT_FALSE(Take(jobs_->Frames(kTenant, job, 2, 1, 0))[0].ready);
   Go(sequence);
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
 }
@@ -437,10 +439,10 @@ TEST_F(JobManagerTest, RendersThatCoreRefusesMakeNoJob) {
   Start();
   const std::string sequence = ReadySequence();
   const auto created =
-      jobs_->Create({.sequence_id = sequence, .renders = {{.options = R"({"name":"bad"})"}}}, "", false);
+      jobs_->Create(kTenant, {.sequence_id = sequence, .renders = {{.options = R"({"name":"bad"})"}}}, "", false);
   EXPECT_THAT(created, HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   EXPECT_THAT(std::string(created.status().message()), HasSubstr("job.renders[0].name = bad"));
-  EXPECT_THAT(Take(jobs_->List({}, {})).items, IsEmpty());
+  EXPECT_THAT(Take(jobs_->List(kTenant, {}, {})).items, IsEmpty());
 }
 
 TEST_F(JobManagerTest, RendersOfFinishedDepthComputeNothingAgain) {
@@ -449,10 +451,10 @@ TEST_F(JobManagerTest, RendersOfFinishedDepthComputeNothingAgain) {
   const std::string from = NewJobOn(sequence);
   EXPECT_EQ(Ended(from).record.state, JobState::kSucceeded);
   const NewJob order = {.sequence_id = sequence, .renders = {{.options = kDof}}, .depth_from = from};
-  const std::string job = Take(jobs_->Create(order, "", false)).record.id;
+  const std::string job = Take(jobs_->Create(kTenant, order, "", false)).record.id;
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
   EXPECT_EQ(Logged(sequence, "interval").size(), 3U);
-  EXPECT_THAT(jobs_->Delete(from), IsOk());
+  EXPECT_THAT(jobs_->Delete(kTenant, from), IsOk());
   EXPECT_EQ(Frame(job, "depth", "000003"), "depth 3") << "what was taken over stays";
   EXPECT_EQ(Frame(job, "dof", "000003"), "dof 3");
 }
@@ -462,7 +464,7 @@ TEST_F(JobManagerTest, SceneFlowIsThereWhenTheJobHasSucceeded) {
   Start();
   const std::string sequence = ReadySequence();
   const NewJob order = {.sequence_id = sequence, .options = R"({"scene_flow":true})"};
-  const std::string from = Take(jobs_->Create(order, "", false)).record.id;
+  const std::string from = Take(jobs_->Create(kTenant, order, "", false)).record.id;
   ASSERT_EQ(Ended(from).record.state, JobState::kSucceeded) << View(from).record.error;
   const OutputSpec output = Output(from, "sceneflow");
   EXPECT_TRUE(output.assembled);
@@ -471,7 +473,7 @@ TEST_F(JobManagerTest, SceneFlowIsThereWhenTheJobHasSucceeded) {
   NewJob again = order;
   again.renders = {{.options = kDof}};
   again.depth_from = from;
-  const std::string job = Take(jobs_->Create(again, "", false)).record.id;
+  const std::string job = Take(jobs_->Create(kTenant, again, "", false)).record.id;
   ASSERT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
   EXPECT_EQ(Frame(job, "sceneflow", "000004"), "scene flow 4");
 }
@@ -482,7 +484,7 @@ TEST_F(JobManagerTest, SceneFlowIsMadeWithProgress) {
   Start();
   const std::string sequence = ReadySequence("wait_flow 3\n");
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"scene_flow":true})"}, "", false)).record.id;
+      Take(jobs_->Create(kTenant, {.sequence_id = sequence, .options = R"({"scene_flow":true})"}, "", false)).record.id;
   for (const bool killed : {false, true}) {
     if (killed) {
       Close();
@@ -505,7 +507,7 @@ TEST_F(JobManagerTest, WhatAnAssembleLeftHalfWrittenGoes) {
   Start();
   const std::string sequence = ReadySequence("wait_flow 3\n");
   const std::string job =
-      Take(jobs_->Create({.sequence_id = sequence, .options = R"({"scene_flow":true})"}, "", false)).record.id;
+      Take(jobs_->Create(kTenant, {.sequence_id = sequence, .options = R"({"scene_flow":true})"}, "", false)).record.id;
   const std::string out = directory_->OutFolder(job);
   const auto plant = [&] {
     for (const char* name : {"/report.json.77-1.tmp", "/sceneflow/000001.npz.77-2.tmp"}) WriteText(out + name, "half");
@@ -533,9 +535,9 @@ TEST_F(JobManagerTest, SceneFlowJobResumesAndHasNoDepth) {
   const std::string sequence = ReadySequence("wait_at 1");
   const NewJob order = {
       .sequence_id = sequence, .kind = JobKind::kSceneFlow, .options = R"({"formats":["kitti"],"every":2})"};
-  const std::string job = Take(jobs_->Create(order, "", false)).record.id;
+  const std::string job = Take(jobs_->Create(kTenant, order, "", false)).record.id;
   WaitUntil([&] { return View(job).record.frames_done == 2; });
-  EXPECT_THAT(jobs_->RenderFrame(job, {.options = kDof}, nullptr),
+  EXPECT_THAT(jobs_->RenderFrame(kTenant, job, {.options = kDof}, nullptr),
               HasReason(absl::StatusCode::kFailedPrecondition, "NO_DEPTH"));
   Close();
   OpenStores(folder_ / "data");
@@ -555,14 +557,15 @@ TEST_F(JobManagerTest, SceneFlowThatASequenceCannotGiveIsRefused) {
   Start();
   const std::string sequence = ReadySequence("no_pairs\n");
   for (const bool validate_only : {true, false}) {
-    const auto refused = jobs_->Create({.sequence_id = sequence, .kind = JobKind::kSceneFlow}, "", validate_only);
+    const auto refused =
+        jobs_->Create(kTenant, {.sequence_id = sequence, .kind = JobKind::kSceneFlow}, "", validate_only);
     EXPECT_THAT(refused, HasReason(absl::StatusCode::kFailedPrecondition, "NO_SCENE_FLOW"));
     EXPECT_EQ(refused.status().message(), absl::StrCat("sequences/", sequence, ": rates differ"));
   }
-  EXPECT_THAT(Take(jobs_->List({}, {})).items, SizeIs(0));
+  EXPECT_THAT(Take(jobs_->List(kTenant, {}, {})).items, SizeIs(0));
   const NewJob wrong = {.sequence_id = sequence, .kind = JobKind::kSceneFlow, .options = R"({"every":0})"};
-  EXPECT_THAT(jobs_->Create(wrong, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
-  EXPECT_THAT(jobs_->Create({.sequence_id = sequence}, "", false), IsOk()) << "it can be upsampled";
+  EXPECT_THAT(jobs_->Create(kTenant, wrong, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(jobs_->Create(kTenant, {.sequence_id = sequence}, "", false), IsOk()) << "it can be upsampled";
 }
 
 // The answer of an errand, once it is there.
@@ -577,14 +580,14 @@ TEST_F(JobManagerTest, OneFrameIsRenderedWhileTheJobRuns) {
   const std::string sequence = ReadySequence("wait_at 1\n");
   const std::string job = NewJobOn(sequence);
   WaitUntil([&] { return View(job).record.intervals_done == 1; });
-  const auto errand = Take(jobs_->RenderFrame(job, {.frame = 1, .options = kDof, .jpeg = true}, nullptr));
+  const auto errand = Take(jobs_->RenderFrame(kTenant, job, {.frame = 1, .options = kDof, .jpeg = true}, nullptr));
   const std::string picture = Take(Answer(*errand));
   EXPECT_THAT(picture, AllOf(HasSubstr("picture 1"), HasSubstr(R"("name":"dof")"), HasSubstr("jpeg")));
-  EXPECT_THAT(jobs_->RenderFrame(job, {.frame = 2, .options = kDof}, nullptr),
+  EXPECT_THAT(jobs_->RenderFrame(kTenant, job, {.frame = 2, .options = kDof}, nullptr),
               HasReason(absl::StatusCode::kFailedPrecondition, "FRAME_NOT_READY"));
-  EXPECT_THAT(jobs_->RenderFrame(job, {.frame = 6, .options = kDof}, nullptr),
+  EXPECT_THAT(jobs_->RenderFrame(kTenant, job, {.frame = 6, .options = kDof}, nullptr),
               HasReason(absl::StatusCode::kOutOfRange, "NO_SUCH_FRAME"));
-  const auto bad = Take(jobs_->RenderFrame(job, {.frame = 1, .options = R"({"name":"bad"})"}, nullptr));
+  const auto bad = Take(jobs_->RenderFrame(kTenant, job, {.frame = 1, .options = R"({"name":"bad"})"}, nullptr));
   EXPECT_THAT(Answer(*bad), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   Go(sequence);
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
@@ -598,7 +601,7 @@ TEST_F(JobManagerTest, AFrameWhoseInputIsLostSaysSo) {
     const std::string sequence = ReadySequence(absl::StrCat("lost 4 ", what, "\n"));
     const std::string job = NewJobOn(sequence);
     EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
-    const auto errand = Take(jobs_->RenderFrame(job, {.frame = 1, .options = kDof}, nullptr));
+    const auto errand = Take(jobs_->RenderFrame(kTenant, job, {.frame = 1, .options = kDof}, nullptr));
     const absl::Status lost = Answer(*errand).status();
     EXPECT_THAT(lost, HasReason(absl::StatusCode::kDataLoss, "FILE_LOST"));
     EXPECT_EQ(GetErrorInfo(lost)->metadata.at("frame"), "4");
@@ -612,11 +615,11 @@ TEST_F(JobManagerTest, DepthThatIsTakenOverIsWhole) {
   Start();
   const std::string sequence = ReadySequence("moves\n");
   const NewJob rendered = {.sequence_id = sequence, .renders = {{.options = kDof}}};
-  const std::string from = Take(jobs_->Create(rendered, "", false)).record.id;
+  const std::string from = Take(jobs_->Create(kTenant, rendered, "", false)).record.id;
   ASSERT_EQ(Ended(from).record.state, JobState::kSucceeded) << View(from).record.error;
   NewJob order = rendered;
   order.depth_from = from;
-  const std::string whole = Take(jobs_->Create(order, "", false)).record.id;
+  const std::string whole = Take(jobs_->Create(kTenant, order, "", false)).record.id;
   ASSERT_EQ(Ended(whole).record.state, JobState::kSucceeded) << View(whole).record.error;
   const auto file = [&](const std::string& job, const std::string& name) {
     return jobs_->OutputFile(job, {.file_name = name});
@@ -624,13 +627,13 @@ TEST_F(JobManagerTest, DepthThatIsTakenOverIsWhole) {
   EXPECT_EQ(ReadText(file(whole, "motion/000003.npz")), "motion 3");
 
   std::filesystem::remove(file(from, "motion/000003.npz"));
-  const std::string moving = Take(jobs_->Create(order, "", false)).record.id;
+  const std::string moving = Take(jobs_->Create(kTenant, order, "", false)).record.id;
   EXPECT_THAT(Ended(moving).record.error, HasReason(absl::StatusCode::kDataLoss, "FILE_LOST"));
   EXPECT_THAT(std::string(View(moving).record.error.message()),
               HasSubstr("the motion of frame 3 of jobs/" + from + " was made, but its file is lost"));
   WriteText(file(from, "motion/000003.npz"), "motion 3");
   std::filesystem::remove(file(from, "depth/000004.png"));
-  const std::string still = Take(jobs_->Create(order, "", false)).record.id;
+  const std::string still = Take(jobs_->Create(kTenant, order, "", false)).record.id;
   EXPECT_THAT(Ended(still).record.error, HasReason(absl::StatusCode::kDataLoss, "FILE_LOST"));
   EXPECT_THAT(std::string(View(still).record.error.message()),
               HasSubstr("frame 4 of jobs/" + from + "/outputs/depth was made, but its file is lost"));
@@ -642,7 +645,7 @@ TEST_F(JobManagerTest, DepthThatIsTakenOverIsWhole) {
     WriteText(file(without, report), R"({"motion_frames":0})");
   }
   order.depth_from = without;
-  const std::string poor = Take(jobs_->Create(order, "", false)).record.id;
+  const std::string poor = Take(jobs_->Create(kTenant, order, "", false)).record.id;
   EXPECT_EQ(Ended(poor).record.state, JobState::kSucceeded) << View(poor).record.error;
 }
 
@@ -652,11 +655,11 @@ TEST_F(JobManagerTest, AFrameThatTakesTooLongOrThatNobodyWaitsForIsStopped) {
   const std::string job = NewJobOn(sequence);
   Ended(job);
   const size_t started = Logged(sequence, "start").size();
-  auto errand = Take(jobs_->RenderFrame(job, {.frame = 0, .options = kDof}, nullptr));
+  auto errand = Take(jobs_->RenderFrame(kTenant, job, {.frame = 0, .options = kDof}, nullptr));
   EXPECT_THAT(Answer(*errand), HasCode(absl::StatusCode::kDeadlineExceeded));
   EXPECT_FALSE(IsAlive(Logged(sequence, "start").back()));
 
-  errand = Take(jobs_->RenderFrame(job, {.frame = 0, .options = kDof}, nullptr));
+  errand = Take(jobs_->RenderFrame(kTenant, job, {.frame = 0, .options = kDof}, nullptr));
   WaitUntil([&] { return Logged(sequence, "start").size() == started + 2; });
   errand.reset();
   WaitUntil([&] { return !IsAlive(Logged(sequence, "start").back()); });
@@ -665,7 +668,7 @@ TEST_F(JobManagerTest, AFrameThatTakesTooLongOrThatNobodyWaitsForIsStopped) {
   std::vector<std::unique_ptr<Errand>> waiting;
   absl::Status refused;
   for (int i = 0; i < 100 && refused.ok(); ++i) {
-    auto more = jobs_->RenderFrame(job, {.frame = 0, .options = kDof}, nullptr);
+    auto more = jobs_->RenderFrame(kTenant, job, {.frame = 0, .options = kDof}, nullptr);
     refused = more.status();
     if (more.ok()) waiting.push_back(*std::move(more));
   }
@@ -680,11 +683,11 @@ TEST_F(JobManagerTest, OrdersDoNotWaitForPictures) {
   Ended(job);
   std::vector<std::unique_ptr<Errand>> waiting;
   for (bool room = true; room;) {
-    auto more = jobs_->RenderFrame(job, {.frame = 0, .options = kDof}, nullptr);
+    auto more = jobs_->RenderFrame(kTenant, job, {.frame = 0, .options = kDof}, nullptr);
     room = more.ok();
     if (room) waiting.push_back(*std::move(more));
   }
-  EXPECT_THAT(jobs_->Create({.sequence_id = sequence, .renders = {{.options = kDof}}}, "", false), IsOk());
+  EXPECT_THAT(jobs_->Create(kTenant, {.sequence_id = sequence, .renders = {{.options = kDof}}}, "", false), IsOk());
 }
 
 // A server that stops does not wait for what its calls wait for: one that runs, one that waits, one that comes later.
@@ -696,7 +699,7 @@ TEST_F(JobManagerTest, StoppingEndsWhatCallsWaitFor) {
   {
     std::vector<std::jthread> calls;
     for (absl::Status& status : planned) {
-      calls.emplace_back([&] { status = jobs_->Create(order, "", false).status(); });
+      calls.emplace_back([&] { status = jobs_->Create(kTenant, order, "", false).status(); });
     }
     WaitUntil([&] { return Logged(sequence, "start").size() == 1; });
     jobs_->StopErrands();
@@ -704,7 +707,7 @@ TEST_F(JobManagerTest, StoppingEndsWhatCallsWaitFor) {
   for (const absl::Status& status : planned) {
     EXPECT_THAT(status, HasReason(absl::StatusCode::kUnavailable, "SERVER_STOPPING"));
   }
-  EXPECT_THAT(jobs_->Create(order, "", false), HasReason(absl::StatusCode::kUnavailable, "SERVER_STOPPING"));
+  EXPECT_THAT(jobs_->Create(kTenant, order, "", false), HasReason(absl::StatusCode::kUnavailable, "SERVER_STOPPING"));
 }
 
 // ---- watching ----
@@ -713,7 +716,7 @@ TEST_F(JobManagerTest, StoppingEndsWhatCallsWaitFor) {
 class Watcher {
  public:
   Watcher(JobManager& jobs, const std::string& job, const std::string& token = "") {
-    watch_ = Take(jobs.Watch(job, token, [this] { news_.store(true); }));
+    watch_ = Take(jobs.Watch(kTenant, job, token, [this] { news_.store(true); }));
   }
   JobEvent Next() {
     while (true) {
@@ -749,7 +752,7 @@ TEST_F(JobManagerTest, WatcherHearsOfEverythingInOrder) {
     for (int i = 0; i < event.frame_count; ++i) {
       frames.push_back(event.first_frame + i);
       // Announced means stored: it can be read now.
-      EXPECT_TRUE(Take(jobs_->Frames(job, event.first_frame + i, 1))[0].ready);
+      EXPECT_TRUE(Take(jobs_->Frames(kTenant, job, event.first_frame + i, 1))[0].ready);
     }
   }
   EXPECT_THAT(frames, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7));
@@ -760,7 +763,7 @@ TEST_F(JobManagerTest, WatcherHearsOfEverythingInOrder) {
   const JobEvent late = Watcher(*jobs_, job).Next();
   EXPECT_EQ(late.kind, JobEvent::Kind::kSnapshot);
   EXPECT_EQ(late.job.record.state, JobState::kSucceeded);
-  EXPECT_THAT(jobs_->Delete(job), IsOk());
+  EXPECT_THAT(jobs_->Delete(kTenant, job), IsOk());
   EXPECT_TRUE(watcher.Deleted());
 }
 
@@ -783,7 +786,7 @@ TEST_F(JobManagerTest, WatcherThatReconnectsGetsWhatItMissed) {
   EXPECT_EQ(Watcher(*jobs_, job, "deadbeef-1-1").Next().kind, JobEvent::Kind::kSnapshot);
   const std::string other = NewJobOn(sequence);
   EXPECT_EQ(Watcher(*jobs_, other, seen.back().resume_token).Next().kind, JobEvent::Kind::kSnapshot);
-  EXPECT_THAT(jobs_->Watch("0000000000000000", "", [] {}), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(jobs_->Watch(kTenant, "0000000000000000", "", [] {}), HasCode(absl::StatusCode::kNotFound));
   Go(sequence);
   Ended(job);
 }
@@ -795,7 +798,7 @@ TEST_F(JobManagerTest, WatcherInTheQueueHearsThatItMovesUp) {
   WaitUntil([&] { return State(first) == JobState::kRunning; });
   Watcher watcher(*jobs_, second);
   EXPECT_EQ(watcher.Next().job.progress.queue_position, 1);
-  EXPECT_THAT(jobs_->Cancel(first), IsOk());
+  EXPECT_THAT(jobs_->Cancel(kTenant, first), IsOk());
   EXPECT_EQ(watcher.Next().job.progress.queue_position, 0);
   Go(sequence);
   Ended(second);

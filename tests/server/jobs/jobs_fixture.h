@@ -69,18 +69,18 @@ class JobsFixture : public testing::Test {
 
   // Uploads a sequence that makes fake_core behave as the script says, and commits it.
   std::string CommittedSequence(const std::string& script) {
-    const std::string id = Take(sequences_->Create("", "")).id;
-    const UploadRecord upload =
-        Take(sequences_->StartUpload(id, {{.path = "script", .size_bytes = static_cast<int64_t>(script.size())}}, ""));
-    const auto writer = Take(sequences_->OpenUpload(id, upload.id));
+    const std::string id = Take(sequences_->Create(kTenant, "", "")).id;
+    const UploadRecord upload = Take(sequences_->StartUpload(
+        kTenant, id, {{.path = "script", .size_bytes = static_cast<int64_t>(script.size())}}, ""));
+    const auto writer = Take(sequences_->OpenUpload(kTenant, id, upload.id));
     EXPECT_THAT(writer->Write(0, script, Crc32c(script)), IsOk());
     EXPECT_THAT(writer->Finish(), IsOk());
-    EXPECT_THAT(sequences_->Commit(id), IsOk());
+    EXPECT_THAT(sequences_->Commit(kTenant, id), IsOk());
     return id;
   }
   SequenceRecord Validated(const std::string& id) {
-    WaitUntil([&] { return Take(sequences_->Get(id)).state != SequenceState::kValidating; });
-    return Take(sequences_->Get(id));
+    WaitUntil([&] { return Take(sequences_->Get(kTenant, id)).state != SequenceState::kValidating; });
+    return Take(sequences_->Get(kTenant, id));
   }
   std::string ReadySequence(const std::string& script = "") {
     const std::string id = CommittedSequence(script);
@@ -88,9 +88,9 @@ class JobsFixture : public testing::Test {
     return id;
   }
   std::string NewJobOn(const std::string& sequence) {
-    return Take(jobs_->Create({.sequence_id = sequence}, "", false)).record.id;
+    return Take(jobs_->Create(kTenant, {.sequence_id = sequence}, "", false)).record.id;
   }
-  JobView View(const std::string& job) { return Take(jobs_->Get(job)); }
+  JobView View(const std::string& job) { return Take(jobs_->Get(kTenant, job)); }
   JobState State(const std::string& job) { return View(job).record.state; }
   JobView Ended(const std::string& job) {
     WaitUntil([&] { return HasEnded(State(job)); });

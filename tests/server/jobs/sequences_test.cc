@@ -21,7 +21,7 @@ class SequencesTest : public JobsFixture {
  protected:
   SequencesTest() {
     OpenStores(folder_ / "data");
-    id_ = Take(sequences_->Create("", "")).id;
+    id_ = Take(sequences_->Create(kTenant, "", "")).id;
   }
   // An upload of files with this content, in this order.
   UploadRecord StartUpload(const std::vector<std::pair<std::string, std::string>>& files, bool hashed = true) {
@@ -31,15 +31,17 @@ class SequencesTest : public JobsFixture {
           {.path = path, .size_bytes = static_cast<int64_t>(content.size()), .sha256 = hashed ? Hash(content) : ""});
       all_ += content;
     }
-    return Take(sequences_->StartUpload(id_, manifest, ""));
+    return Take(sequences_->StartUpload(kTenant, id_, manifest, ""));
   }
   std::unique_ptr<UploadWriter> OpenUpload(const UploadRecord& upload) {
-    return Take(sequences_->OpenUpload(id_, upload.id));
+    return Take(sequences_->OpenUpload(kTenant, id_, upload.id));
   }
   static absl::Status Send(UploadWriter& writer, int64_t offset, std::string_view bytes) {
     return writer.Write(offset, bytes, Crc32c(bytes));
   }
-  int64_t Committed(const UploadRecord& upload) { return Take(sequences_->GetUpload(id_, upload.id)).committed_size; }
+  int64_t Committed(const UploadRecord& upload) {
+    return Take(sequences_->GetUpload(kTenant, id_, upload.id)).committed_size;
+  }
   std::string Content(const std::string& path) { return ReadText(directory_->SequenceFolder(id_) + "/" + path); }
 
   std::string id_;
@@ -61,7 +63,7 @@ TEST_F(SequencesTest, OneStreamCarriesManyFiles) {
   for (const char* path : {"empty_first", "x/empty", "empty_last"}) {
     EXPECT_TRUE(std::filesystem::exists(directory_->SequenceFolder(id_) + "/" + path)) << path;
   }
-  EXPECT_THAT(sequences_->OpenUpload(id_, upload.id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(sequences_->OpenUpload(kTenant, id_, upload.id), HasCode(absl::StatusCode::kFailedPrecondition));
 }
 
 TEST_F(SequencesTest, UploadOfNothingButEmptyFiles) {
@@ -142,7 +144,7 @@ TEST_F(SequencesTest, UploadCutAtRandomBytesEndsWithTheSameFiles) {
     SCOPED_TRACE(seed);
     std::mt19937 random(seed);
     all_.clear();
-    id_ = Take(sequences_->Create("", "")).id;
+    id_ = Take(sequences_->Create(kTenant, "", "")).id;
     std::vector<std::pair<std::string, std::string>> files;
     for (int i = 0; i < 8; ++i) {
       std::string content(random() % 40, '\0');
@@ -185,10 +187,10 @@ TEST_F(SequencesTest, DeletedSequenceLeavesNoFiles) {
   const UploadRecord upload = StartUpload({{"a", "0123"}});
   auto writer = OpenUpload(upload);
   EXPECT_THAT(Send(*writer, 0, "0123"), IsOk());
-  EXPECT_THAT(sequences_->Delete(id_), IsOk());
+  EXPECT_THAT(sequences_->Delete(kTenant, id_), IsOk());
   EXPECT_FALSE(std::filesystem::exists(directory_->SequenceFolder(id_)));
   EXPECT_THAT(writer->Finish(), HasCode(absl::StatusCode::kNotFound));
-  EXPECT_THAT(sequences_->Get(id_), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(sequences_->Get(kTenant, id_), HasCode(absl::StatusCode::kNotFound));
 }
 
 // The disk is really full: what was acknowledged before stays, and the upload goes on when there is room.
@@ -197,8 +199,8 @@ TEST_F(SequencesTest, FullDiskFailsTheUploadAndHarmsNothingElse) {
   ASSERT_TRUE(disk.mounted()) << kNeedsMount;
   Close();
   OpenStores(disk.path());
-  id_ = Take(sequences_->Create("", "")).id;
-  EXPECT_THAT(sequences_->StartUpload(id_, {{.path = "big", .size_bytes = 4 << 20}}, ""),
+  id_ = Take(sequences_->Create(kTenant, "", "")).id;
+  EXPECT_THAT(sequences_->StartUpload(kTenant, id_, {{.path = "big", .size_bytes = 4 << 20}}, ""),
               HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"))
       << "refused before bytes flow";
   const std::string megabyte(1 << 20, 'x');
@@ -210,7 +212,7 @@ TEST_F(SequencesTest, FullDiskFailsTheUploadAndHarmsNothingElse) {
   WriteText(disk.path() + "/filler", std::string(static_cast<size_t>(filler), 'x'));
   EXPECT_THAT(Send(*writer, 1 << 20, megabyte), HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
   EXPECT_EQ(Committed(upload), 1 << 20);
-  EXPECT_THAT(sequences_->Get(id_), IsOk());
+  EXPECT_THAT(sequences_->Get(kTenant, id_), IsOk());
   std::filesystem::remove(disk.path() + "/filler");
   writer = OpenUpload(upload);
   EXPECT_THAT(Send(*writer, 1 << 20, megabyte), IsOk());

@@ -64,16 +64,16 @@ TEST(SqliteStore, CopiesTheFileBeforeItMigrates) {
 TEST(SqliteStore, OutlastsALockFromOutside) {
   const TemporaryFolder folder;
   const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
-  const SequenceRecord made = Take(store->CreateSequence("before", ""));
+  const SequenceRecord made = Take(store->CreateSequence(kTenant, "before", ""));
   const auto outside = Take(Database::Open(folder / "s.sqlite"));
   EXPECT_THAT(outside->Run("BEGIN IMMEDIATE"), IsOk());
-  EXPECT_EQ(Take(store->GetSequence(made.id)).display_name, "before");
-  EXPECT_EQ(Take(store->ListSequences({}, {})).items.size(), 1U);
+  EXPECT_EQ(Take(store->GetSequence(kTenant, made.id)).display_name, "before");
+  EXPECT_EQ(Take(store->ListSequences(kTenant, {}, {})).items.size(), 1U);
   std::thread release([&outside] {
     usleep(200'000);
     EXPECT_THAT(outside->Run("COMMIT"), IsOk());
   });
-  EXPECT_THAT(store->CreateSequence("after", ""), IsOk());
+  EXPECT_THAT(store->CreateSequence(kTenant, "after", ""), IsOk());
   release.join();
 }
 
@@ -115,7 +115,7 @@ TEST(SqliteStore, WhatWasAcknowledgedSurvivesAKill) {
   if (child == 0) {
     const auto store = OpenSqliteStore(folder / "s.sqlite", {});
     while (store.ok()) {
-      const auto made = (*store)->CreateSequence("", "");
+      const auto made = (*store)->CreateSequence(kTenant, "", "");
       if (!made.ok() || write(ends[1], made->id.data(), 16) != 16) break;
     }
     _exit(1);
@@ -131,7 +131,7 @@ TEST(SqliteStore, WhatWasAcknowledgedSurvivesAKill) {
   ASSERT_EQ(waitpid(child, nullptr, 0), child);
   ASSERT_GE(acknowledged.size(), 50U);
   const auto store = Take(OpenSqliteStore(folder / "s.sqlite", {}));
-  for (const std::string& made : acknowledged) EXPECT_THAT(store->GetSequence(made), IsOk());
+  for (const std::string& made : acknowledged) EXPECT_THAT(store->GetSequence(kTenant, made), IsOk());
 }
 
 TEST(SqliteDatabase, FullDatabaseIsAFullDisk) {
@@ -147,16 +147,16 @@ TEST(SqliteStore, FullDiskIsAStatusAndHarmsNothing) {
   const SmallDisk disk("1m");
   ASSERT_TRUE(disk.mounted()) << kNeedsMount;
   auto store = Take(OpenSqliteStore(disk.path() + "/s.sqlite", {}));
-  const SequenceRecord before = Take(store->CreateSequence("before", ""));
+  const SequenceRecord before = Take(store->CreateSequence(kTenant, "before", ""));
   WriteText(disk.path() + "/filler", std::string(2 << 20, 'x'));
   absl::Status failure;
-  for (int made = 0; made < 1000 && failure.ok(); ++made) failure = store->CreateSequence("", "").status();
+  for (int made = 0; made < 1000 && failure.ok(); ++made) failure = store->CreateSequence(kTenant, "", "").status();
   EXPECT_THAT(failure, HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
   store.reset();
   store = Take(OpenSqliteStore(disk.path() + "/s.sqlite", {}));  // a server starts there, too
-  EXPECT_EQ(Take(store->GetSequence(before.id)).display_name, "before");
+  EXPECT_EQ(Take(store->GetSequence(kTenant, before.id)).display_name, "before");
   std::filesystem::remove(disk.path() + "/filler");
-  EXPECT_THAT(store->CreateSequence("after", ""), IsOk()) << "with room again it goes on";
+  EXPECT_THAT(store->CreateSequence(kTenant, "after", ""), IsOk()) << "with room again it goes on";
 }
 
 }  // namespace

@@ -35,7 +35,7 @@ class StoreConformance : public testing::TestWithParam<StoreFactory> {
   JobRecord PreparedJob(int intervals);
   // Claims with batches of `batch` intervals; a task of number 0 when there is none.
   Task Claim(int batch = 2);
-  JobRecord Job(const std::string& id) { return Take(store().GetJob(id)); }
+  JobRecord Job(const std::string& id) { return Take(store().GetJob(kTenant, id)); }
 
  private:
   TemporaryFolder folder_;

@@ -37,23 +37,23 @@ JobPlan PlanOf(int intervals) {
 }
 
 SequenceRecord StoreConformance::UploadedSequence() {
-  const SequenceRecord sequence = Take(store().CreateSequence("clip", ""));
+  const SequenceRecord sequence = Take(store().CreateSequence(kTenant, "clip", ""));
   const UploadRecord upload =
-      Take(store().CreateUpload(sequence.id, {{.path = "rgb.txt", .size_bytes = 3}}, kRoom, ""));
+      Take(store().CreateUpload(kTenant, sequence.id, {{.path = "rgb.txt", .size_bytes = 3}}, kRoom, ""));
   EXPECT_THAT(store().SetCommittedSize(upload.id, 3), IsOk());
   EXPECT_THAT(store().FinishUpload(upload.id), IsOk());
-  return Take(store().GetSequence(sequence.id));
+  return Take(store().GetSequence(kTenant, sequence.id));
 }
 
 SequenceRecord StoreConformance::ReadySequence() {
   const SequenceRecord sequence = UploadedSequence();
-  EXPECT_THAT(store().CommitSequence(sequence.id), IsOk());
+  EXPECT_THAT(store().CommitSequence(kTenant, sequence.id), IsOk());
   EXPECT_THAT(store().FinishValidation(Claim().number, {.recording = SomeRecording()}), IsOk());
-  return Take(store().GetSequence(sequence.id));
+  return Take(store().GetSequence(kTenant, sequence.id));
 }
 
 JobRecord StoreConformance::PreparedJob(int intervals) {
-  const JobRecord job = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false));
+  const JobRecord job = Take(store().CreateJob(kTenant, {.sequence_id = ReadySequence().id}, "", false));
   EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(intervals)), IsOk());
   return Job(job.id);
 }
@@ -65,73 +65,77 @@ Task StoreConformance::Claim(int batch) {
 // ---- sequences and uploads ----
 
 TEST_P(StoreConformance, SequenceSurvivesReopening) {
-  const SequenceRecord made = Take(store().CreateSequence("my clip", ""));
+  const SequenceRecord made = Take(store().CreateSequence(kTenant, "my clip", ""));
   EXPECT_EQ(made.id.size(), 16U);
   Open();
-  const SequenceRecord read = Take(store().GetSequence(made.id));
+  const SequenceRecord read = Take(store().GetSequence(kTenant, made.id));
   EXPECT_EQ(read.display_name, "my clip");
   EXPECT_EQ(read.state, SequenceState::kUploading);
   EXPECT_EQ(read.create_time, made.create_time);
-  EXPECT_THAT(store().GetSequence("0000000000000000"), HasReason(absl::StatusCode::kNotFound, "NO_SUCH_RESOURCE"));
+  EXPECT_THAT(store().GetSequence(kTenant, "0000000000000000"),
+              HasReason(absl::StatusCode::kNotFound, "NO_SUCH_RESOURCE"));
 }
 
 TEST_P(StoreConformance, SameRequestMakesTheSameThing) {
-  const SequenceRecord first = Take(store().CreateSequence("a", "request-1"));
-  EXPECT_EQ(Take(store().CreateSequence("a", "request-1")).id, first.id);
-  EXPECT_THAT(store().CreateSequence("b", "request-1"),
+  const SequenceRecord first = Take(store().CreateSequence(kTenant, "a", "request-1"));
+  EXPECT_EQ(Take(store().CreateSequence(kTenant, "a", "request-1")).id, first.id);
+  EXPECT_THAT(store().CreateSequence(kTenant, "b", "request-1"),
               HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
-  EXPECT_NE(Take(store().CreateSequence("a", "")).id, Take(store().CreateSequence("a", "")).id);
+  EXPECT_NE(Take(store().CreateSequence(kTenant, "a", "")).id, Take(store().CreateSequence(kTenant, "a", "")).id);
 
   const std::vector<UploadFile> files = {{.path = "rgb.txt", .size_bytes = 3}};
-  const UploadRecord upload = Take(store().CreateUpload(first.id, files, kRoom, "request-1"));
+  const UploadRecord upload = Take(store().CreateUpload(kTenant, first.id, files, kRoom, "request-1"));
   // A resumed upload needs no room any more.
-  EXPECT_EQ(Take(store().CreateUpload(first.id, files, 0, "request-1")).id, upload.id);
-  EXPECT_THAT(store().CreateUpload(first.id, {{.path = "rgb.txt", .size_bytes = 4}}, kRoom, "request-1"),
+  EXPECT_EQ(Take(store().CreateUpload(kTenant, first.id, files, 0, "request-1")).id, upload.id);
+  EXPECT_THAT(store().CreateUpload(kTenant, first.id, {{.path = "rgb.txt", .size_bytes = 4}}, kRoom, "request-1"),
               HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
 
   // What was deleted may be made anew.
-  EXPECT_THAT(store().DeleteSequence(first.id), IsOk());
-  const SequenceRecord second = Take(store().CreateSequence("b", "request-1"));
+  EXPECT_THAT(store().DeleteSequence(kTenant, first.id), IsOk());
+  const SequenceRecord second = Take(store().CreateSequence(kTenant, "b", "request-1"));
   EXPECT_NE(second.id, first.id);
-  EXPECT_THAT(store().CreateUpload(second.id, files, kRoom, "request-1"), IsOk());
+  EXPECT_THAT(store().CreateUpload(kTenant, second.id, files, kRoom, "request-1"), IsOk());
 }
 
 TEST_P(StoreConformance, ListsNewestFirstInPages) {
   std::vector<std::string> newest_first;
   for (int i = 0; i < 5; ++i) {
-    newest_first.insert(newest_first.begin(), Take(store().CreateSequence(absl::StrCat(i), "")).id);
+    newest_first.insert(newest_first.begin(), Take(store().CreateSequence(kTenant, absl::StrCat(i), "")).id);
   }
   std::vector<std::string> listed;
   PageRequest request{.size = 2};
   int pages = 0;
   do {
-    const Page<SequenceRecord> page = Take(store().ListSequences({}, request));
+    const Page<SequenceRecord> page = Take(store().ListSequences(kTenant, {}, request));
     for (const SequenceRecord& record : page.items) listed.push_back(record.id);
     request.token = page.next_token;
     // What comes into being meanwhile is not part of later pages.
     if (++pages == 1) {
-      EXPECT_THAT(store().CreateSequence("later", ""), IsOk());
+      EXPECT_THAT(store().CreateSequence(kTenant, "later", ""), IsOk());
     }
   } while (!request.token.empty());
   EXPECT_EQ(listed, newest_first);
   EXPECT_EQ(pages, 3);
-  EXPECT_THAT(Take(store().ListSequences({.state = SequenceState::kReady}, {})).items, IsEmpty());
+  EXPECT_THAT(Take(store().ListSequences(kTenant, {.state = SequenceState::kReady}, {})).items, IsEmpty());
 }
 
 TEST_P(StoreConformance, PageTokenBelongsToItsListAndFilter) {
-  for (int i = 0; i < 3; ++i) EXPECT_THAT(store().CreateSequence("", ""), IsOk());
-  const std::string token = Take(store().ListSequences({}, {.size = 1})).next_token;
-  EXPECT_THAT(store().ListSequences({.state = SequenceState::kUploading}, {.size = 1, .token = token}),
+  for (int i = 0; i < 3; ++i) EXPECT_THAT(store().CreateSequence(kTenant, "", ""), IsOk());
+  const std::string token = Take(store().ListSequences(kTenant, {}, {.size = 1})).next_token;
+  EXPECT_THAT(store().ListSequences(kTenant, {.state = SequenceState::kUploading}, {.size = 1, .token = token}),
               HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
-  EXPECT_THAT(store().ListJobs({}, {.size = 1, .token = token}), HasCode(absl::StatusCode::kInvalidArgument));
-  EXPECT_THAT(store().ListSequences({}, {.size = 1, .token = "nonsense"}), HasCode(absl::StatusCode::kInvalidArgument));
-  EXPECT_THAT(store().ListSequences({}, {.size = 0}), HasCode(absl::StatusCode::kInvalidArgument));
-  EXPECT_THAT(store().ListSequences({}, {.size = 1001}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().ListJobs(kTenant, {}, {.size = 1, .token = token}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().ListSequences(kTenant, {}, {.size = 1, .token = "nonsense"}),
+              HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().ListSequences(kTenant, {}, {.size = 0}), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().ListSequences(kTenant, {}, {.size = 1001}), HasCode(absl::StatusCode::kInvalidArgument));
 }
 
 TEST_P(StoreConformance, UploadRefusesBadManifests) {
-  const SequenceRecord sequence = Take(store().CreateSequence("", ""));
-  const auto start = [&](std::vector<UploadFile> files) { return store().CreateUpload(sequence.id, files, kRoom, ""); };
+  const SequenceRecord sequence = Take(store().CreateSequence(kTenant, "", ""));
+  const auto start = [&](std::vector<UploadFile> files) {
+    return store().CreateUpload(kTenant, sequence.id, files, kRoom, "");
+  };
   EXPECT_THAT(start({}), HasCode(absl::StatusCode::kInvalidArgument));
   EXPECT_THAT(start({{.path = "../etc/passwd", .size_bytes = 1}}), HasCode(absl::StatusCode::kInvalidArgument));
   EXPECT_THAT(start({{.path = "a", .size_bytes = -1}}), HasCode(absl::StatusCode::kInvalidArgument));
@@ -142,17 +146,17 @@ TEST_P(StoreConformance, UploadRefusesBadManifests) {
   const int64_t huge = INT64_MAX - 1;
   EXPECT_THAT(start({{.path = "a", .size_bytes = huge}, {.path = "b", .size_bytes = huge}}),
               HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
-  EXPECT_THAT(store().CreateUpload(sequence.id, {{.path = "a", .size_bytes = 9}}, 8, ""),
+  EXPECT_THAT(store().CreateUpload(kTenant, sequence.id, {{.path = "a", .size_bytes = 9}}, 8, ""),
               HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"));
   // None of them has left anything behind.
-  EXPECT_EQ(Take(store().GetSequence(sequence.id)).file_count, 0);
+  EXPECT_EQ(Take(store().GetSequence(kTenant, sequence.id)).file_count, 0);
 
   EXPECT_THAT(start({{.path = "x/y", .size_bytes = 7}, {.path = "z"}}), IsOk());
   EXPECT_THAT(start({{.path = "x/y"}}), HasReason(absl::StatusCode::kAlreadyExists, "DUPLICATE_PATH"));
   EXPECT_THAT(start({{.path = "x"}}), HasReason(absl::StatusCode::kAlreadyExists, "DUPLICATE_PATH"));
   EXPECT_THAT(start({{.path = "z/a"}}), HasReason(absl::StatusCode::kAlreadyExists, "DUPLICATE_PATH"));
   EXPECT_THAT(start({{.path = "x.y"}, {.path = "x/z"}}), IsOk());
-  const SequenceRecord after = Take(store().GetSequence(sequence.id));
+  const SequenceRecord after = Take(store().GetSequence(kTenant, sequence.id));
   EXPECT_EQ(after.file_count, 4);
   EXPECT_EQ(after.size_bytes, 7);
 }
@@ -164,10 +168,10 @@ TEST_P(StoreConformance, LimitsHold) {
         .max_queued_jobs = 1,
         .max_display_name_bytes = 4,
         .max_request_id_bytes = 4});
-  EXPECT_THAT(store().CreateSequence("12345", ""), HasCode(absl::StatusCode::kInvalidArgument));
-  EXPECT_THAT(store().CreateSequence("1234", "12345"), HasCode(absl::StatusCode::kInvalidArgument));
-  const std::string id = Take(store().CreateSequence("1234", "1234")).id;
-  const auto start = [&](std::vector<UploadFile> files) { return store().CreateUpload(id, files, kRoom, ""); };
+  EXPECT_THAT(store().CreateSequence(kTenant, "12345", ""), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(store().CreateSequence(kTenant, "1234", "12345"), HasCode(absl::StatusCode::kInvalidArgument));
+  const std::string id = Take(store().CreateSequence(kTenant, "1234", "1234")).id;
+  const auto start = [&](std::vector<UploadFile> files) { return store().CreateUpload(kTenant, id, files, kRoom, ""); };
   EXPECT_THAT(start({{.path = "a"}, {.path = "b"}, {.path = "c"}}),
               HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
   EXPECT_THAT(start({{.path = "a", .size_bytes = 11}}),
@@ -179,25 +183,25 @@ TEST_P(StoreConformance, LimitsHold) {
   EXPECT_THAT(start({{.path = "c", .size_bytes = 4}}), IsOk());
 
   const SequenceRecord ready = ReadySequence();
-  EXPECT_THAT(store().CreateJob({.sequence_id = ready.id}, "", false), IsOk());
-  EXPECT_THAT(store().CreateJob({.sequence_id = ready.id}, "", false),
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = ready.id}, "", false), IsOk());
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = ready.id}, "", false),
               HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
 }
 
 TEST_P(StoreConformance, UploadKnowsHowFarItIs) {
-  const std::string id = Take(store().CreateSequence("", "")).id;
+  const std::string id = Take(store().CreateSequence(kTenant, "", "")).id;
   const std::vector<UploadFile> files = {
       {.path = "a", .size_bytes = 3}, {.path = "b"}, {.path = "c", .size_bytes = 4, .sha256 = std::string(32, '\xAB')}};
-  const UploadRecord upload = Take(store().CreateUpload(id, files, kRoom, ""));
+  const UploadRecord upload = Take(store().CreateUpload(kTenant, id, files, kRoom, ""));
   EXPECT_EQ(upload.size_bytes, 7);
   EXPECT_EQ(upload.committed_size, 0);
   EXPECT_THAT(store().SetCommittedSize(upload.id, 5), IsOk());
   EXPECT_THAT(store().SetCommittedSize(upload.id, 8), HasCode(absl::StatusCode::kInternal));
   EXPECT_THAT(store().FinishUpload(upload.id), HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE"));
-  EXPECT_THAT(store().CommitSequence(id), HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE"));
+  EXPECT_THAT(store().CommitSequence(kTenant, id), HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE"));
   Open();
-  EXPECT_EQ(Take(store().GetUpload(id, upload.id)).committed_size, 5);
-  EXPECT_THAT(store().GetUpload("0000000000000000", upload.id), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_EQ(Take(store().GetUpload(kTenant, id, upload.id)).committed_size, 5);
+  EXPECT_THAT(store().GetUpload(kTenant, "0000000000000000", upload.id), HasCode(absl::StatusCode::kNotFound));
   const std::vector<UploadFile> read = Take(store().UploadFiles(upload.id));
   ASSERT_THAT(read, SizeIs(3));
   EXPECT_EQ(read[0].path + read[1].path + read[2].path, "abc");
@@ -210,13 +214,14 @@ TEST_P(StoreConformance, UploadKnowsHowFarItIs) {
 }
 
 TEST_P(StoreConformance, CommittedSequenceTakesNoMoreFiles) {
-  const std::string empty = Take(store().CreateSequence("", "")).id;
-  EXPECT_THAT(store().CommitSequence(empty), HasCode(absl::StatusCode::kFailedPrecondition));
+  const std::string empty = Take(store().CreateSequence(kTenant, "", "")).id;
+  EXPECT_THAT(store().CommitSequence(kTenant, empty), HasCode(absl::StatusCode::kFailedPrecondition));
   const std::string id = UploadedSequence().id;
-  EXPECT_EQ(Take(store().CommitSequence(id)).state, SequenceState::kValidating);
-  EXPECT_EQ(Take(store().CommitSequence(id)).state, SequenceState::kValidating);
-  EXPECT_THAT(store().CreateUpload(id, {{.path = "more"}}, kRoom, ""), HasCode(absl::StatusCode::kFailedPrecondition));
-  EXPECT_THAT(store().DeleteSequence(id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_EQ(Take(store().CommitSequence(kTenant, id)).state, SequenceState::kValidating);
+  EXPECT_EQ(Take(store().CommitSequence(kTenant, id)).state, SequenceState::kValidating);
+  EXPECT_THAT(store().CreateUpload(kTenant, id, {{.path = "more"}}, kRoom, ""),
+              HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().DeleteSequence(kTenant, id), HasCode(absl::StatusCode::kFailedPrecondition));
   // Committed twice, validated once.
   EXPECT_EQ(Claim().kind, TaskKind::kValidate);
   EXPECT_EQ(Claim().number, 0);
@@ -224,7 +229,7 @@ TEST_P(StoreConformance, CommittedSequenceTakesNoMoreFiles) {
 
 TEST_P(StoreConformance, ValidationIsKept) {
   const std::string id = UploadedSequence().id;
-  EXPECT_THAT(store().CommitSequence(id), IsOk());
+  EXPECT_THAT(store().CommitSequence(kTenant, id), IsOk());
   const Task task = Claim();
   EXPECT_EQ(task.sequence_id, id);
   EXPECT_THAT(
@@ -233,13 +238,14 @@ TEST_P(StoreConformance, ValidationIsKept) {
                         .warnings = {"odd"}}),
       IsOk());
   Open();
-  const SequenceRecord invalid = Take(store().GetSequence(id));
+  const SequenceRecord invalid = Take(store().GetSequence(kTenant, id));
   EXPECT_EQ(invalid.state, SequenceState::kInvalid);
   ASSERT_THAT(invalid.validation.violations, SizeIs(1));
   EXPECT_EQ(invalid.validation.violations[0].file, "depth/1.png");
   EXPECT_THAT(invalid.validation.violations[0].status, HasCode(absl::StatusCode::kDataLoss));
   EXPECT_THAT(invalid.validation.warnings, ElementsAre("odd"));
-  EXPECT_THAT(store().CreateJob({.sequence_id = id}, "", false), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = id}, "", false),
+              HasCode(absl::StatusCode::kFailedPrecondition));
 
   const SequenceRecord ready = ReadySequence();
   EXPECT_EQ(ready.state, SequenceState::kReady);
@@ -256,7 +262,7 @@ TEST_P(StoreConformance, ValidationIsKept) {
 
 TEST_P(StoreConformance, JobIsCheckedBeforeItIsMade) {
   const std::string ready = ReadySequence().id;
-  const auto create = [&](NewJob job) { return store().CreateJob(job, "", false); };
+  const auto create = [&](NewJob job) { return store().CreateJob(kTenant, job, "", false); };
   EXPECT_THAT(create({.sequence_id = "0000000000000000"}), HasCode(absl::StatusCode::kNotFound));
   EXPECT_THAT(create({.sequence_id = UploadedSequence().id}), HasCode(absl::StatusCode::kFailedPrecondition));
   EXPECT_THAT(create({.sequence_id = ready, .options = R"({"method":"magic"})"}),
@@ -270,14 +276,15 @@ TEST_P(StoreConformance, JobIsCheckedBeforeItIsMade) {
               HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   EXPECT_THAT(create({.sequence_id = ready, .options = R"({"method":"hold","preset":"fast"})"}),
               HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
-  EXPECT_EQ(Take(store().CreateJob({.sequence_id = ready}, "", /*validate_only=*/true)).id, "");
-  EXPECT_THAT(Take(store().ListJobs({}, {})).items, IsEmpty());
+  EXPECT_EQ(Take(store().CreateJob(kTenant, {.sequence_id = ready}, "", /*validate_only=*/true)).id, "");
+  EXPECT_THAT(Take(store().ListJobs(kTenant, {}, {})).items, IsEmpty());
 
   const NewJob job = {
       .display_name = "d", .sequence_id = ready, .options = R"({"method":"hold","key_every":8})", .threads = 2};
-  const JobRecord made = Take(store().CreateJob(job, "r", false));
-  EXPECT_EQ(Take(store().CreateJob(job, "r", false)).id, made.id);
-  EXPECT_THAT(store().CreateJob({.sequence_id = ready}, "r", false), HasCode(absl::StatusCode::kAlreadyExists));
+  const JobRecord made = Take(store().CreateJob(kTenant, job, "r", false));
+  EXPECT_EQ(Take(store().CreateJob(kTenant, job, "r", false)).id, made.id);
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = ready}, "r", false),
+              HasCode(absl::StatusCode::kAlreadyExists));
   Open();
   const JobRecord read = Job(made.id);
   EXPECT_THAT(read.options, HasSubstr(R"("key_every":8)"));
@@ -290,22 +297,22 @@ TEST_P(StoreConformance, JobIsCheckedBeforeItIsMade) {
   EXPECT_EQ(read.start_time, absl::InfiniteFuture());
 
   NewJob ablation = {.sequence_id = ready, .options = R"({"preset":"fast","without":["draw","median"]})"};
-  const JobRecord ablated = Take(store().CreateJob(ablation, "a", false));
+  const JobRecord ablated = Take(store().CreateJob(kTenant, ablation, "a", false));
   Open();
   EXPECT_THAT(Job(ablated.id).options, HasSubstr(R"("without":["draw","median"])"));
   ablation.options = R"({"preset":"fast","without":["draw"]})";
-  EXPECT_THAT(store().CreateJob(ablation, "a", false), HasCode(absl::StatusCode::kAlreadyExists));
+  EXPECT_THAT(store().CreateJob(kTenant, ablation, "a", false), HasCode(absl::StatusCode::kAlreadyExists));
 }
 
 TEST_P(StoreConformance, JobsAreListedByStateAndSequence) {
   const std::string a = ReadySequence().id, b = ReadySequence().id;
-  const std::string a1 = Take(store().CreateJob({.sequence_id = a}, "", false)).id;
-  const std::string b1 = Take(store().CreateJob({.sequence_id = b}, "", false)).id;
-  const std::string a2 = Take(store().CreateJob({.sequence_id = a}, "", false)).id;
-  EXPECT_THAT(store().CancelJob(a1), IsOk());
+  const std::string a1 = Take(store().CreateJob(kTenant, {.sequence_id = a}, "", false)).id;
+  const std::string b1 = Take(store().CreateJob(kTenant, {.sequence_id = b}, "", false)).id;
+  const std::string a2 = Take(store().CreateJob(kTenant, {.sequence_id = a}, "", false)).id;
+  EXPECT_THAT(store().CancelJob(kTenant, a1), IsOk());
   const auto ids = [&](const JobFilter& filter) {
     std::vector<std::string> found;
-    for (const JobRecord& job : Take(store().ListJobs(filter, {})).items) found.push_back(job.id);
+    for (const JobRecord& job : Take(store().ListJobs(kTenant, filter, {})).items) found.push_back(job.id);
     return found;
   };
   EXPECT_THAT(ids({}), ElementsAre(a2, b1, a1));
@@ -319,7 +326,7 @@ TEST_P(StoreConformance, JobsAreListedByStateAndSequence) {
 
 TEST_P(StoreConformance, WholeLifeOfAJob) {
   const std::string sequence = ReadySequence().id;
-  const std::string id = Take(store().CreateJob({.sequence_id = sequence}, "", false)).id;
+  const std::string id = Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
   const Task prepare = Claim();
   EXPECT_EQ(prepare.kind, TaskKind::kPrepare);
   EXPECT_EQ(prepare.job_id, id);
@@ -341,14 +348,14 @@ TEST_P(StoreConformance, WholeLifeOfAJob) {
   EXPECT_EQ(Take(store().FinishInterval(second.number, 2, 0.5)).frames_done, 2) << "repeating changes nothing";
   EXPECT_THAT(store().FinishInterval(second.number, 1, 0.5), HasCode(absl::StatusCode::kInternal)) << "not its own";
   EXPECT_THAT(store().CompleteTask(second.number), IsOk());
-  const std::vector<FrameRecord> frames = Take(store().JobFrames(id, 3, 2));
+  const std::vector<FrameRecord> frames = Take(store().JobFrames(kTenant, id, 3, 2));
   ASSERT_THAT(frames, SizeIs(2));
   EXPECT_EQ(frames[0].index, 3);
   EXPECT_EQ(frames[0].time_ns, 1003);
   EXPECT_EQ(frames[0].stem, "000003");
   EXPECT_FALSE(frames[0].ready);
   EXPECT_TRUE(frames[1].ready);
-  EXPECT_THAT(Take(store().JobFrames(id, 5, 100)), SizeIs(1));
+  EXPECT_THAT(Take(store().JobFrames(kTenant, id, 5, 100)), SizeIs(1));
   EXPECT_THAT(Take(store().JobIntervals(id, 1, 100)), SizeIs(2));
 
   EXPECT_THAT(store().FinishInterval(first.number, 0, 1.0), IsOk());
@@ -358,25 +365,25 @@ TEST_P(StoreConformance, WholeLifeOfAJob) {
   const Task assemble = Claim();
   EXPECT_EQ(assemble.kind, TaskKind::kAssemble);
   EXPECT_EQ(Job(id).state, JobState::kRunning);
-  EXPECT_THAT(store().DeleteSequence(sequence), HasCode(absl::StatusCode::kFailedPrecondition));
-  EXPECT_THAT(store().DeleteJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().DeleteSequence(kTenant, sequence), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().DeleteJob(kTenant, id), HasCode(absl::StatusCode::kFailedPrecondition));
   EXPECT_THAT(store().CompleteTask(assemble.number), IsOk());
   EXPECT_EQ(Job(id).state, JobState::kSucceeded);
   EXPECT_NE(Job(id).end_time, absl::InfiniteFuture());
   EXPECT_EQ(Claim().number, 0);
 
-  EXPECT_THAT(store().CancelJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
-  EXPECT_THAT(store().RetryJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
-  EXPECT_THAT(store().DeleteSequence(sequence), IsOk());
-  EXPECT_THAT(Take(store().JobFrames(id, 0, 100)), SizeIs(6)) << "a job outlives its sequence";
-  EXPECT_THAT(store().DeleteJob(id), IsOk());
-  EXPECT_THAT(store().GetJob(id), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(store().CancelJob(kTenant, id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().RetryJob(kTenant, id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().DeleteSequence(kTenant, sequence), IsOk());
+  EXPECT_THAT(Take(store().JobFrames(kTenant, id, 0, 100)), SizeIs(6)) << "a job outlives its sequence";
+  EXPECT_THAT(store().DeleteJob(kTenant, id), IsOk());
+  EXPECT_THAT(store().GetJob(kTenant, id), HasCode(absl::StatusCode::kNotFound));
 }
 
 TEST_P(StoreConformance, OlderJobsAndValidationsGoFirst) {
   const JobRecord older = PreparedJob(2);
-  const std::string younger = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false)).id;
-  EXPECT_THAT(store().CommitSequence(UploadedSequence().id), IsOk());
+  const std::string younger = Take(store().CreateJob(kTenant, {.sequence_id = ReadySequence().id}, "", false)).id;
+  EXPECT_THAT(store().CommitSequence(kTenant, UploadedSequence().id), IsOk());
   EXPECT_EQ(Claim(1).kind, TaskKind::kValidate);
   EXPECT_EQ(Claim(1).job_id, older.id);
   EXPECT_EQ(Claim(1).job_id, older.id);
@@ -424,14 +431,14 @@ TEST_P(StoreConformance, ReleasedWorkLosesItsClaimButNotWhatIsDone) {
 
 TEST_P(StoreConformance, EveryKindOfTaskComesBackAfterARestart) {
   const std::string uploaded = UploadedSequence().id;
-  EXPECT_THAT(store().CommitSequence(uploaded), IsOk());
+  EXPECT_THAT(store().CommitSequence(kTenant, uploaded), IsOk());
   EXPECT_EQ(Claim().kind, TaskKind::kValidate);
   EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
   const Task validate = Claim();
   EXPECT_EQ(validate.kind, TaskKind::kValidate);
   EXPECT_THAT(store().FinishValidation(validate.number, {.recording = SomeRecording()}), IsOk());
 
-  const std::string id = Take(store().CreateJob({.sequence_id = uploaded}, "", false)).id;
+  const std::string id = Take(store().CreateJob(kTenant, {.sequence_id = uploaded}, "", false)).id;
   EXPECT_EQ(Claim().kind, TaskKind::kPrepare);
   EXPECT_THAT(store().ReleaseAllTasks(), IsOk());
   const Task prepare = Claim();
@@ -468,7 +475,7 @@ TEST_P(StoreConformance, ThreeFailuresOfOneIntervalFailTheJob) {
   EXPECT_THAT(std::string(failed.error.message()), HasSubstr("SIGSEGV"));
   EXPECT_EQ(Claim().number, 0);
 
-  const JobRecord retried = Take(store().RetryJob(id));
+  const JobRecord retried = Take(store().RetryJob(kTenant, id));
   EXPECT_EQ(retried.state, JobState::kQueued);
   EXPECT_EQ(retried.attempt, 2);
   EXPECT_THAT(retried.error, IsOk());
@@ -488,7 +495,7 @@ TEST_P(StoreConformance, FailureThatIsNotWorthRetryingFailsAtOnce) {
   EXPECT_THAT(store().FinishInterval(second.number, 2, 1), HasCode(absl::StatusCode::kFailedPrecondition));
 
   // A prepare task counts its own failures.
-  const std::string other = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false)).id;
+  const std::string other = Take(store().CreateJob(kTenant, {.sequence_id = ReadySequence().id}, "", false)).id;
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
     const Task task = Claim();
     EXPECT_EQ(task.job_id, other);
@@ -497,33 +504,33 @@ TEST_P(StoreConformance, FailureThatIsNotWorthRetryingFailsAtOnce) {
   }
   EXPECT_EQ(Job(other).state, JobState::kFailed);
   EXPECT_THAT(Job(other).error, HasCode(absl::StatusCode::kInternal));
-  EXPECT_THAT(store().RetryJob(other), IsOk());
+  EXPECT_THAT(store().RetryJob(kTenant, other), IsOk());
   EXPECT_EQ(Claim().kind, TaskKind::kPrepare);
-  EXPECT_EQ(Take(store().RetryJob(id)).error, absl::OkStatus());
+  EXPECT_EQ(Take(store().RetryJob(kTenant, id)).error, absl::OkStatus());
 }
 
 TEST_P(StoreConformance, ValidationThatCannotBeDoneMakesTheSequenceInvalid) {
   const std::string id = UploadedSequence().id;
-  EXPECT_THAT(store().CommitSequence(id), IsOk());
+  EXPECT_THAT(store().CommitSequence(kTenant, id), IsOk());
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
-    EXPECT_EQ(Take(store().GetSequence(id)).state, SequenceState::kValidating);
+    EXPECT_EQ(Take(store().GetSequence(kTenant, id)).state, SequenceState::kValidating);
     EXPECT_THAT(store().FailTask(Claim().number, absl::InternalError("killed by SIGSEGV"), /*retry=*/true), IsOk());
   }
-  const SequenceRecord sequence = Take(store().GetSequence(id));
+  const SequenceRecord sequence = Take(store().GetSequence(kTenant, id));
   EXPECT_EQ(sequence.state, SequenceState::kInvalid);
   EXPECT_THAT(sequence.validation.error, HasCode(absl::StatusCode::kInternal));
-  EXPECT_THAT(store().DeleteSequence(id), IsOk());
+  EXPECT_THAT(store().DeleteSequence(kTenant, id), IsOk());
 }
 
 TEST_P(StoreConformance, CancelWaitsForWhatRuns) {
-  const std::string queued = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false)).id;
-  EXPECT_EQ(Take(store().CancelJob(queued)).state, JobState::kCancelled);
+  const std::string queued = Take(store().CreateJob(kTenant, {.sequence_id = ReadySequence().id}, "", false)).id;
+  EXPECT_EQ(Take(store().CancelJob(kTenant, queued)).state, JobState::kCancelled);
   EXPECT_EQ(Claim().number, 0);
 
   const std::string id = PreparedJob(4).id;
   const Task first = Claim(2), second = Claim(1);
-  EXPECT_EQ(Take(store().CancelJob(id)).state, JobState::kCancelling);
-  EXPECT_EQ(Take(store().CancelJob(id)).state, JobState::kCancelling);
+  EXPECT_EQ(Take(store().CancelJob(kTenant, id)).state, JobState::kCancelling);
+  EXPECT_EQ(Take(store().CancelJob(kTenant, id)).state, JobState::kCancelling);
   EXPECT_EQ(Claim().number, 0) << "nothing of a cancelled job starts any more";
   EXPECT_THAT(store().FinishInterval(first.number, 0, 1), IsOk()) << "what ends while it is stopped is kept";
   EXPECT_THAT(store().ReleaseTask(first.number), IsOk());
@@ -532,38 +539,38 @@ TEST_P(StoreConformance, CancelWaitsForWhatRuns) {
   EXPECT_THAT(store().FailTask(second.number, absl::InternalError("crash"), /*retry=*/false), IsOk());
   EXPECT_EQ(Job(id).state, JobState::kCancelled);
   EXPECT_THAT(Job(id).error, IsOk());
-  EXPECT_EQ(Take(store().CancelJob(id)).state, JobState::kCancelled);
+  EXPECT_EQ(Take(store().CancelJob(kTenant, id)).state, JobState::kCancelled);
 
-  EXPECT_EQ(Take(store().RetryJob(id)).intervals_done, 1);
+  EXPECT_EQ(Take(store().RetryJob(kTenant, id)).intervals_done, 1);
   EXPECT_EQ(Claim(4).first_interval, 1);
 }
 
 TEST_P(StoreConformance, CancelledWhilePreparingOrAssembling) {
-  const std::string id = Take(store().CreateJob({.sequence_id = ReadySequence().id}, "", false)).id;
+  const std::string id = Take(store().CreateJob(kTenant, {.sequence_id = ReadySequence().id}, "", false)).id;
   const Task prepare = Claim();
-  EXPECT_THAT(store().CancelJob(id), IsOk());
+  EXPECT_THAT(store().CancelJob(kTenant, id), IsOk());
   EXPECT_THAT(store().FinishPrepare(prepare.number, PlanOf(1)), IsOk());
   EXPECT_EQ(Job(id).state, JobState::kCancelled);
-  EXPECT_THAT(store().RetryJob(id), IsOk());
+  EXPECT_THAT(store().RetryJob(kTenant, id), IsOk());
   const Task intervals = Claim();
   EXPECT_EQ(intervals.kind, TaskKind::kIntervals) << "the plan is kept";
   EXPECT_THAT(store().FinishInterval(intervals.number, 0, 1), IsOk());
   EXPECT_THAT(store().CompleteTask(intervals.number), IsOk());
   const Task assemble = Claim();
-  EXPECT_THAT(store().CancelJob(id), IsOk());
+  EXPECT_THAT(store().CancelJob(kTenant, id), IsOk());
   EXPECT_THAT(store().CompleteTask(assemble.number), IsOk());
   EXPECT_EQ(Job(id).state, JobState::kCancelled);
-  EXPECT_THAT(store().RetryJob(id), IsOk());
+  EXPECT_THAT(store().RetryJob(kTenant, id), IsOk());
   EXPECT_EQ(Claim().kind, TaskKind::kAssemble);
 }
 
 TEST_P(StoreConformance, RetryNeedsTheSequence) {
   const SequenceRecord sequence = ReadySequence();
-  const std::string id = Take(store().CreateJob({.sequence_id = sequence.id}, "", false)).id;
-  EXPECT_THAT(store().RetryJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
-  EXPECT_THAT(store().CancelJob(id), IsOk());
-  EXPECT_THAT(store().DeleteSequence(sequence.id), IsOk());
-  EXPECT_THAT(store().RetryJob(id), HasCode(absl::StatusCode::kFailedPrecondition));
+  const std::string id = Take(store().CreateJob(kTenant, {.sequence_id = sequence.id}, "", false)).id;
+  EXPECT_THAT(store().RetryJob(kTenant, id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().CancelJob(kTenant, id), IsOk());
+  EXPECT_THAT(store().DeleteSequence(kTenant, sequence.id), IsOk());
+  EXPECT_THAT(store().RetryJob(kTenant, id), HasCode(absl::StatusCode::kFailedPrecondition));
 }
 
 // ---- self-check ----
@@ -618,8 +625,8 @@ void ExpectSame(const std::optional<SelfCheck>& check, const SelfCheck& expected
 
 TEST_P(StoreConformance, SelfCheckGoesFirstAndSurvivesReopening) {
   const NewJob order = {.sequence_id = ReadySequence().id, .options = R"({"self_check":true})"};
-  const std::string id = Take(store().CreateJob(order, "r", false)).id;
-  EXPECT_THAT(store().CreateJob({.sequence_id = order.sequence_id}, "r", false),
+  const std::string id = Take(store().CreateJob(kTenant, order, "r", false)).id;
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = order.sequence_id}, "r", false),
               HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
   EXPECT_FALSE(Job(id).self_check.has_value());
   Task check = Claim();
@@ -636,23 +643,23 @@ TEST_P(StoreConformance, SelfCheckGoesFirstAndSurvivesReopening) {
   Open();
   EXPECT_TRUE(Job(id).facts.self_check);
   ExpectSame(Job(id).self_check, SomeSelfCheck());
-  ExpectSame(Take(store().ListJobs({}, {})).items[0].self_check, SomeSelfCheck());
+  ExpectSame(Take(store().ListJobs(kTenant, {}, {})).items[0].self_check, SomeSelfCheck());
   const Task prepare = Claim();
   EXPECT_EQ(prepare.kind, TaskKind::kPrepare);
   EXPECT_THAT(store().FailTask(prepare.number, absl::DataLossError("x"), false), IsOk());
-  EXPECT_THAT(store().RetryJob(id), IsOk());
+  EXPECT_THAT(store().RetryJob(kTenant, id), IsOk());
   EXPECT_EQ(Claim().kind, TaskKind::kPrepare) << "what was measured is not measured again";
 }
 
 TEST_P(StoreConformance, SelfCheckThatFailsIsTriedAgainWithTheJob) {
   const NewJob order = {.sequence_id = ReadySequence().id, .options = R"({"self_check":true})"};
-  const std::string id = Take(store().CreateJob(order, "", false)).id;
+  const std::string id = Take(store().CreateJob(kTenant, order, "", false)).id;
   EXPECT_THAT(store().FailTask(Claim().number, absl::DataLossError("x"), false), IsOk());
   EXPECT_EQ(Job(id).state, JobState::kFailed);
-  EXPECT_THAT(store().RetryJob(id), IsOk());
+  EXPECT_THAT(store().RetryJob(kTenant, id), IsOk());
   const Task again = Claim();
   EXPECT_EQ(again.kind, TaskKind::kSelfCheck);
-  EXPECT_THAT(store().CancelJob(id), IsOk());
+  EXPECT_THAT(store().CancelJob(kTenant, id), IsOk());
   EXPECT_EQ(Job(id).state, JobState::kCancelling);
   EXPECT_THAT(store().FinishSelfCheck(again.number, {.summary = "s", .reason = "too short"}), IsOk());
   EXPECT_EQ(Job(id).state, JobState::kCancelled);
@@ -664,9 +671,9 @@ TEST_P(StoreConformance, SelfCheckThatFailsIsTriedAgainWithTheJob) {
 TEST_P(StoreConformance, ClockAndItsEstimateSurviveReopening) {
   const std::string sequence = ReadySequence().id;
   const NewJob order = {.sequence_id = sequence, .options = R"({"clock":"estimate","causal":true})"};
-  const std::string id = Take(store().CreateJob(order, "r", false)).id;
+  const std::string id = Take(store().CreateJob(kTenant, order, "r", false)).id;
   for (const char* const other : {R"({"clock":"estimate"})", R"({"causal":true})"}) {
-    EXPECT_THAT(store().CreateJob({.sequence_id = sequence, .options = other}, "r", false),
+    EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence, .options = other}, "r", false),
                 HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
   }
   const ClockEstimate estimate = {
@@ -700,7 +707,8 @@ TEST_P(StoreConformance, WrongOptionsNameTheirField) {
       {R"({"clock":"sundial"})", "job.options.clock"},
       {"[]", "job.options"}};
   for (const auto& [options, field] : faults) {
-    const absl::Status refused = store().CreateJob({.sequence_id = sequence, .options = options}, "", false).status();
+    const absl::Status refused =
+        store().CreateJob(kTenant, {.sequence_id = sequence, .options = options}, "", false).status();
     EXPECT_THAT(refused, HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD")) << options;
     EXPECT_EQ(GetErrorInfo(refused)->metadata.at("field"), field);
   }
@@ -709,12 +717,12 @@ TEST_P(StoreConformance, WrongOptionsNameTheirField) {
 // Said or left out: the same order. Any difference: another.
 TEST_P(StoreConformance, OptionsArePartOfTheOrder) {
   const std::string sequence = ReadySequence().id;
-  const std::string id = Take(store().CreateJob({.sequence_id = sequence}, "r", false)).id;
+  const std::string id = Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "r", false)).id;
   const NewJob spelt_out = {.sequence_id = sequence, .options = R"({"preset":"balanced","clock":"stamps"})"};
-  EXPECT_EQ(Take(store().CreateJob(spelt_out, "r", false)).id, id);
-  EXPECT_THAT(store().CreateJob({.sequence_id = sequence, .options = R"({"scene_flow":true})"}, "r", false),
+  EXPECT_EQ(Take(store().CreateJob(kTenant, spelt_out, "r", false)).id, id);
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence, .options = R"({"scene_flow":true})"}, "r", false),
               HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
-  EXPECT_THAT(store().CreateJob({.sequence_id = sequence, .threads = 2}, "r", false),
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence, .threads = 2}, "r", false),
               HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
 }
 
@@ -724,17 +732,18 @@ TEST_P(StoreConformance, FramesThatWereAssembledAreRemembered) {
   const std::string sequence = ReadySequence().id;
   for (const std::optional<std::vector<int>>& made :
        {std::optional<std::vector<int>>({0, 2}), std::optional<std::vector<int>>()}) {
-    const std::string id = Take(store().CreateJob({.sequence_id = sequence}, "", false)).id;
+    const std::string id = Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
     EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(2)), IsOk());
     const Task depth = Claim(2);
     for (const int interval : {0, 1}) EXPECT_THAT(store().FinishInterval(depth.number, interval, 1.0), IsOk());
     EXPECT_THAT(store().CompleteTask(depth.number), IsOk());
-    for (const FrameRecord& frame : Take(store().JobFrames(id, 0, 10))) EXPECT_FALSE(frame.assembled.has_value());
+    for (const FrameRecord& frame : Take(store().JobFrames(kTenant, id, 0, 10)))
+      EXPECT_FALSE(frame.assembled.has_value());
     EXPECT_THAT(store().CompleteTask(Claim().number, made), IsOk());
     EXPECT_EQ(Job(id).state, JobState::kSucceeded);
     Open();
     std::vector<std::optional<bool>> assembled;
-    for (const FrameRecord& frame : Take(store().JobFrames(id, 0, 10))) assembled.push_back(frame.assembled);
+    for (const FrameRecord& frame : Take(store().JobFrames(kTenant, id, 0, 10))) assembled.push_back(frame.assembled);
     const std::vector<std::optional<bool>> expected =
         made ? std::vector<std::optional<bool>>{true, false, true, false} : std::vector<std::optional<bool>>(4);
     EXPECT_EQ(assembled, expected);
@@ -747,24 +756,24 @@ TEST_P(StoreConformance, SceneFlowJobsSurviveReopening) {
                         .kind = JobKind::kSceneFlow,
                         .options = R"({"method":"pd-flow","formats":["flo"],"every":3,"baseline_m":0.54})",
                         .threads = 2};
-  EXPECT_EQ(Take(store().CreateJob(order, "", true)).kind, JobKind::kSceneFlow);
-  const std::string id = Take(store().CreateJob(order, "r", false)).id;
+  EXPECT_EQ(Take(store().CreateJob(kTenant, order, "", true)).kind, JobKind::kSceneFlow);
+  const std::string id = Take(store().CreateJob(kTenant, order, "r", false)).id;
   NewJob other = order;
   other.options = R"({"method":"pd-flow","formats":["flo"],"every":4,"baseline_m":0.54})";
-  EXPECT_THAT(store().CreateJob(other, "r", false),
+  EXPECT_THAT(store().CreateJob(kTenant, other, "r", false),
               HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
   Open();
   const JobRecord job = Job(id);
   EXPECT_EQ(job.kind, JobKind::kSceneFlow);
   EXPECT_EQ(job.options, R"({"baseline_m":0.54,"every":3,"formats":["npz","flo"],"method":"pd-flow"})");
   EXPECT_EQ(job.facts.outputs.size(), 3U);
-  EXPECT_EQ(Job(Take(store().CreateJob({.sequence_id = sequence}, "", false)).id).kind, JobKind::kUpsample);
+  EXPECT_EQ(Job(Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id).kind, JobKind::kUpsample);
 }
 
 // Each breaks one rule: of the options themselves, or that nothing of an upsampling goes with them.
 TEST_P(StoreConformance, SceneFlowOptionsAreChecked) {
   const NewJob good = {.sequence_id = ReadySequence().id, .kind = JobKind::kSceneFlow};
-  EXPECT_THAT(store().CreateJob(good, "", true), IsOk());
+  EXPECT_THAT(store().CreateJob(kTenant, good, "", true), IsOk());
   const std::vector<std::function<void(NewJob&)>> faults = {
       [](NewJob& job) { job.options = R"({"method":"luck"})"; },
       [](NewJob& job) { job.options = R"({"formats":["npz","exr"]})"; },
@@ -776,7 +785,8 @@ TEST_P(StoreConformance, SceneFlowOptionsAreChecked) {
   for (size_t i = 0; i < faults.size(); ++i) {
     NewJob job = good;
     faults[i](job);
-    EXPECT_THAT(store().CreateJob(job, "", true), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD")) << i;
+    EXPECT_THAT(store().CreateJob(kTenant, job, "", true), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"))
+        << i;
   }
 }
 
@@ -795,7 +805,7 @@ RenderRecord RenderOf(const std::string& name, int reach_frames, int anchor_fram
 
 TEST_P(StoreConformance, RendersSurviveReopening) {
   const NewJob order = {.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 3, 5), RenderOf("b", 0)}};
-  const std::string id = Take(store().CreateJob(order, "", false)).id;
+  const std::string id = Take(store().CreateJob(kTenant, order, "", false)).id;
   Open();
   const JobRecord job = Job(id);
   ASSERT_THAT(job.renders, SizeIs(2));
@@ -807,18 +817,20 @@ TEST_P(StoreConformance, RendersSurviveReopening) {
   EXPECT_EQ(job.renders[0].streams, order.renders[0].streams);
   EXPECT_EQ(job.renders[0].videos, order.renders[0].videos);
   EXPECT_EQ(job.renders[0].extension, "jpg");
-  EXPECT_THAT(Take(store().ListJobs({}, {})).items[0].renders, SizeIs(2));
+  EXPECT_THAT(Take(store().ListJobs(kTenant, {}, {})).items[0].renders, SizeIs(2));
   // The same request is the same job; with another render it is another request.
-  const std::string again = Take(store().CreateJob(order, "r", false)).id;
-  EXPECT_EQ(Take(store().CreateJob(order, "r", false)).id, again);
-  EXPECT_THAT(store().CreateJob({.sequence_id = order.sequence_id, .renders = {RenderOf("a", 3, 5)}}, "r", false),
-              HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+  const std::string again = Take(store().CreateJob(kTenant, order, "r", false)).id;
+  EXPECT_EQ(Take(store().CreateJob(kTenant, order, "r", false)).id, again);
+  EXPECT_THAT(
+      store().CreateJob(kTenant, {.sequence_id = order.sequence_id, .renders = {RenderOf("a", 3, 5)}}, "r", false),
+      HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
 }
 
 // Intervals have two frames; a render that looks one frame to either side needs its neighbours' intervals.
 TEST_P(StoreConformance, PicturesWaitForTheFramesAroundThemAndGoBeforeFurtherDepth) {
   const std::string id =
-      Take(store().CreateJob({.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 1)}}, "", false)).id;
+      Take(store().CreateJob(kTenant, {.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 1)}}, "", false))
+          .id;
   EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(4)), IsOk());
   const Task first = Claim(1);
   EXPECT_EQ(first.kind, TaskKind::kIntervals);
@@ -833,11 +845,11 @@ TEST_P(StoreConformance, PicturesWaitForTheFramesAroundThemAndGoBeforeFurtherDep
   EXPECT_EQ(pictures.render, 0);
   EXPECT_EQ(pictures.first_interval, 0);
   EXPECT_EQ(pictures.interval_count, 1) << "interval 1 looks at interval 2";
-  EXPECT_FALSE(Take(store().JobFrames(id, 0, 1, 0))[0].ready);
+  EXPECT_FALSE(Take(store().JobFrames(kTenant, id, 0, 1, 0))[0].ready);
   EXPECT_EQ(Take(store().FinishInterval(pictures.number, 0, 0.5)).renders[0].frames_done, 2);
   EXPECT_EQ(Take(store().FinishInterval(pictures.number, 0, 0.5)).renders[0].frames_done, 2) << "said again";
-  EXPECT_TRUE(Take(store().JobFrames(id, 0, 1, 0))[0].ready);
-  EXPECT_FALSE(Take(store().JobFrames(id, 2, 1, 0))[0].ready);
+  EXPECT_TRUE(Take(store().JobFrames(kTenant, id, 0, 1, 0))[0].ready);
+  EXPECT_FALSE(Take(store().JobFrames(kTenant, id, 2, 1, 0))[0].ready);
   EXPECT_EQ(Job(id).renders[0].seconds, 0.5);
 
   const Task rest = Claim(8);
@@ -857,7 +869,7 @@ TEST_P(StoreConformance, PicturesWaitForTheFramesAroundThemAndGoBeforeFurtherDep
 }
 
 TEST_P(StoreConformance, AnAnchoredRenderWaitsForItsAnchor) {
-  Take(store().CreateJob({.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 0, 5)}}, "", false));
+  Take(store().CreateJob(kTenant, {.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 0, 5)}}, "", false));
   EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(4)), IsOk());
   const Task depth = Claim(4);
   for (const int interval : {0, 1}) EXPECT_THAT(store().FinishInterval(depth.number, interval, 1.0), IsOk());
@@ -868,7 +880,8 @@ TEST_P(StoreConformance, AnAnchoredRenderWaitsForItsAnchor) {
 
 TEST_P(StoreConformance, PicturesThatFailAreTriedAgainAndAreTheOnesToBlame) {
   const std::string id =
-      Take(store().CreateJob({.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 0)}}, "", false)).id;
+      Take(store().CreateJob(kTenant, {.sequence_id = ReadySequence().id, .renders = {RenderOf("a", 0)}}, "", false))
+          .id;
   EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(2)), IsOk());
   const Task depth = Claim(2);
   for (const int interval : {0, 1}) EXPECT_THAT(store().FinishInterval(depth.number, interval, 1.0), IsOk());
@@ -880,7 +893,7 @@ TEST_P(StoreConformance, PicturesThatFailAreTriedAgainAndAreTheOnesToBlame) {
     EXPECT_THAT(store().FailTask(task.number, absl::InternalError("crashed"), true), IsOk());
   }
   EXPECT_EQ(Job(id).state, JobState::kFailed);
-  EXPECT_THAT(store().RetryJob(id), IsOk());
+  EXPECT_THAT(store().RetryJob(kTenant, id), IsOk());
   const Task again = Claim(2);
   EXPECT_EQ(again.kind, TaskKind::kRender);
   EXPECT_EQ(again.failures, 0);
@@ -891,9 +904,10 @@ TEST_P(StoreConformance, PicturesThatFailAreTriedAgainAndAreTheOnesToBlame) {
 
 TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
   const SequenceRecord sequence = ReadySequence();
-  const JobRecord from = Take(store().CreateJob({.sequence_id = sequence.id}, "", false));
+  const JobRecord from = Take(store().CreateJob(kTenant, {.sequence_id = sequence.id}, "", false));
   NewJob order = {.sequence_id = sequence.id, .renders = {RenderOf("a", 2)}, .depth_from = from.id};
-  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE"));
+  EXPECT_THAT(store().CreateJob(kTenant, order, "", false),
+              HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE"));
   EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(2)), IsOk());
   const Task depth = Claim(2);
   for (const int interval : {0, 1}) EXPECT_THAT(store().FinishInterval(depth.number, interval, 1.0), IsOk());
@@ -904,13 +918,14 @@ TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
   for (const char* const other : {R"({"key_every":2})", R"({"preset":"fast"})", R"({"causal":true})",
                                   R"({"clock":"4"})", R"({"scene_flow":true})"}) {
     order.options = other;
-    EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+    EXPECT_THAT(store().CreateJob(kTenant, order, "", false),
+                HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   }
   order.options = "{}";
   order.renders.clear();
-  EXPECT_THAT(store().CreateJob(order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(store().CreateJob(kTenant, order, "", false), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
   order.renders = {RenderOf("a", 2)};
-  const JobRecord job = Take(store().CreateJob(order, "", false));
+  const JobRecord job = Take(store().CreateJob(kTenant, order, "", false));
   JobPlan plan = PlanOf(2);
   plan.depth_done = true;
   EXPECT_THAT(store().FinishPrepare(Claim().number, plan), IsOk());
@@ -921,7 +936,7 @@ TEST_P(StoreConformance, DepthIsTakenOverFromAJobThatHasIt) {
 TEST_P(StoreConformance, ASelfCheckIsTakenOverWithTheDepth) {
   const SequenceRecord sequence = ReadySequence();
   const NewJob measured = {.sequence_id = sequence.id, .options = R"({"self_check":true})"};
-  const std::string from = Take(store().CreateJob(measured, "", false)).id;
+  const std::string from = Take(store().CreateJob(kTenant, measured, "", false)).id;
   EXPECT_THAT(store().FinishSelfCheck(Claim().number, SomeSelfCheck()), IsOk());
   EXPECT_THAT(store().FinishPrepare(Claim().number, PlanOf(1)), IsOk());
   const Task depth = Claim(1);
@@ -933,10 +948,61 @@ TEST_P(StoreConformance, ASelfCheckIsTakenOverWithTheDepth) {
                   .options = R"({"self_check":true})",
                   .renders = {RenderOf("a", 0)},
                   .depth_from = from};
-  ExpectSame(Take(store().CreateJob(order, "", false)).self_check, SomeSelfCheck());
+  ExpectSame(Take(store().CreateJob(kTenant, order, "", false)).self_check, SomeSelfCheck());
   EXPECT_EQ(Claim().kind, TaskKind::kPrepare) << "it is not measured again";
   order.options = "{}";
-  EXPECT_FALSE(Take(store().CreateJob(order, "", false)).self_check.has_value()) << "nobody asked";
+  EXPECT_FALSE(Take(store().CreateJob(kTenant, order, "", false)).self_check.has_value()) << "nobody asked";
+}
+
+// ---- tenants ----
+
+// What one tenant makes does not exist for another, under any method that names or lists it; the server sees all.
+TEST_P(StoreConformance, TenantsSeeNothingOfOneAnother) {
+  const Tenant other("other");
+  const auto none = HasReason(absl::StatusCode::kNotFound, "NO_SUCH_RESOURCE");
+  const SequenceRecord uploading = Take(store().CreateSequence(kTenant, "mine", ""));
+  const UploadRecord upload =
+      Take(store().CreateUpload(kTenant, uploading.id, {{.path = "rgb.txt", .size_bytes = 3}}, kRoom, ""));
+  const JobRecord job = PreparedJob(1);
+
+  EXPECT_THAT(store().GetSequence(other, uploading.id), none);
+  EXPECT_THAT(store().DeleteSequence(other, uploading.id), none);
+  EXPECT_THAT(store().CommitSequence(other, uploading.id), none);
+  EXPECT_THAT(store().CreateUpload(other, uploading.id, {{.path = "x", .size_bytes = 1}}, kRoom, ""), none);
+  EXPECT_THAT(store().GetUpload(other, uploading.id, upload.id), none);
+  EXPECT_THAT(store().CreateJob(other, {.sequence_id = job.sequence_id}, "", false), none);
+  EXPECT_THAT(store().GetJob(other, job.id), none);
+  EXPECT_THAT(store().CancelJob(other, job.id), none);
+  EXPECT_THAT(store().RetryJob(other, job.id), none);
+  EXPECT_THAT(store().DeleteJob(other, job.id), none);
+  EXPECT_THAT(store().JobFrames(other, job.id, 0, 1), none);
+  EXPECT_THAT(Take(store().ListSequences(other, {}, {})).items, IsEmpty());
+  EXPECT_THAT(Take(store().ListJobs(other, {}, {})).items, IsEmpty());
+
+  EXPECT_EQ(Take(store().GetJob(kTenant, job.id)).tenant, kTenant.name());
+  EXPECT_THAT(Take(store().ListSequences(kTenant, {}, {})).items, SizeIs(2));
+  EXPECT_EQ(Take(store().GetJob(Tenant::Everyone(), job.id)).id, job.id);
+  EXPECT_THAT(Take(store().ListJobs(Tenant::Everyone(), {}, {})).items, SizeIs(1));
+}
+
+TEST_P(StoreConformance, TenantsShareNeitherRequestIdsNorPageTokens) {
+  const Tenant other("other");
+  const SequenceRecord mine = Take(store().CreateSequence(kTenant, "a", "request-1"));
+  const SequenceRecord theirs = Take(store().CreateSequence(other, "b", "request-1"));
+  EXPECT_NE(mine.id, theirs.id);
+  EXPECT_EQ(Take(store().CreateSequence(other, "b", "request-1")).id, theirs.id);
+  Take(store().CreateSequence(kTenant, "c", ""));
+  const Page<SequenceRecord> page = Take(store().ListSequences(kTenant, {}, {.size = 1}));
+  ASSERT_FALSE(page.next_token.empty());
+  EXPECT_THAT(store().ListSequences(other, {}, {.size = 1, .token = page.next_token}),
+              HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+}
+
+// What nobody owns could be seen by nobody.
+TEST_P(StoreConformance, NothingIsMadeWithoutAnOwner) {
+  EXPECT_THAT(store().CreateSequence(Tenant::Everyone(), "", ""), HasCode(absl::StatusCode::kInternal));
+  EXPECT_THAT(store().CreateJob(Tenant::Everyone(), {.sequence_id = ReadySequence().id}, "", false),
+              HasCode(absl::StatusCode::kInternal));
 }
 
 }  // namespace depthtween::server
