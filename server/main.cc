@@ -20,6 +20,7 @@
 #include "core/base/parallel.h"
 #include "core/base/status.h"
 #include "core/io/file.h"
+#include "server/access/guard.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/sequences.h"
 #include "server/rpc/health_check.h"
@@ -30,6 +31,7 @@
 #include "server/store/sqlite_store.h"
 #include "server/telemetry/health.h"
 #include "server/telemetry/log.h"
+#include "server/token_command.h"
 
 namespace depthtween::server {
 namespace {
@@ -49,6 +51,7 @@ struct ServeOptions {
   int quarantine_days = 7;
   std::string port_file;
   RpcServerOptions rpc;
+  GuardOptions guard;
   JobManagerOptions jobs;
   Limits limits;
   LogOptions log;
@@ -107,7 +110,10 @@ absl::Status Serve(const ServeOptions& options) {
   const StopSignals stop_signals;
   umask(0077);  // recordings are nobody else's to read
   ConfigureLog(options.log);
-  RETURN_IF_ERROR(options.rpc.Validate());
+  absl::StatusOr<std::unique_ptr<Guard>> opened = Guard::Open(options.guard);
+  if (!opened.ok()) return WithContext(opened.status(), "--tokens");
+  const std::unique_ptr<Guard> guard = *std::move(opened);
+  RETURN_IF_ERROR(options.rpc.Validate(guard->asks_for_tokens()));
 
   // Each borrows those above it and is destroyed before them.
   ASSIGN_OR_RETURN(
@@ -125,18 +131,23 @@ absl::Status Serve(const ServeOptions& options) {
   Sequences sequences(*store, *blobs, options.limits, [&jobs] { jobs->Wake(); });
   Health health;
   ASSIGN_OR_RETURN(const std::unique_ptr<RpcServer> server,
-                   RpcServer::Start(options.rpc, options.limits, *directory, sequences, *jobs, health));
+                   RpcServer::Start(options.rpc, options.limits, *directory, *guard, sequences, *jobs, health));
 
   const std::string address = BoundAddress(options.rpc, server->port());
   if (!options.port_file.empty()) RETURN_IF_ERROR(WriteFile(options.port_file, absl::StrCat(server->port(), "\n")));
-  absl::PrintF("%s ready on %s: %d workers, data in %s\n", kVersion, address, jobs->workers(), directory->path());
+  absl::PrintF("%s ready on %s%s: %d workers, data in %s\n", kVersion, address,
+               options.rpc.tls.enabled() ? " with TLS" : "", jobs->workers(), directory->path());
   std::fflush(stdout);
   LogInfo("ready", {{"version", DEPTHTWEEN_VERSION},
                     {"address", address},
+                    {"tls", options.rpc.tls.enabled() ? "yes" : "no"},
+                    {"tokens", guard->asks_for_tokens() ? "yes" : "no"},
                     {"workers", absl::StrCat(jobs->workers())},
                     {"data_dir", directory->path()}});
   if (options.rpc.insecure_listen_anywhere) {
-    LogWarning("open_to_everyone", {{"address", address}, {"why", "there is no TLS and no authentication"}});
+    LogWarning("open_to_everyone", {{"address", address},
+                                    {"tls", options.rpc.tls.enabled() ? "yes" : "no"},
+                                    {"tokens", guard->asks_for_tokens() ? "yes" : "no"}});
   }
 
   const int signal_number = stop_signals.Wait();
@@ -165,8 +176,8 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   command->add_option("--port-file", options.port_file, "Write the bound port to this file once ready");
   command->add_flag(
       "--insecure-listen-anywhere", options.rpc.insecure_listen_anywhere,
-      "Listen on addresses other than loopback. There is no TLS and no authentication yet: anyone who can reach "
-      "the port can read and delete everything");
+      "Listen on addresses other than loopback even without --tls-cert and --tokens: then anyone who can reach the "
+      "port can read and delete everything. Only where the network itself keeps others out");
   command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")
       ->check(AtLeast(1))
       ->type_name("N")
@@ -220,11 +231,40 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
-  command->add_option("--max-calls", options.rpc.max_calls, "Most calls in flight, streams included")
-      ->check(AtLeast(1))
+  const auto count = [&](const char* flag, int& value, const char* help) {
+    command->add_option(flag, value, help)->check(AtLeast(1))->type_name("N")->capture_default_str()->group(limits);
+  };
+  count("--max-calls", options.rpc.room.calls, "Most short calls being answered at the same time");
+  count("--max-streams", options.rpc.room.streams, "Most watches, frame streams and uploads open at the same time");
+  count("--max-streams-of-client", options.rpc.room.streams_of_client,
+        "Of them, most of one tenant, and of one client address");
+  command
+      ->add_option("--max-calls-per-second", options.guard.max_calls_per_second,
+                   "Most calls of one tenant, over a few seconds; 0: no limit")
+      ->check(AtLeast(0))
       ->type_name("N")
       ->capture_default_str()
       ->group(limits);
+
+  const std::string security = "Security";
+  command
+      ->add_option("--tls-cert", options.rpc.tls.cert,
+                   "Speak TLS with this certificate chain (PEM). Read again when it changes, as are the two below")
+      ->type_name("FILE")
+      ->group(security);
+  command->add_option("--tls-key", options.rpc.tls.key, "Its private key (PEM)")->type_name("FILE")->group(security);
+  command
+      ->add_option("--tls-client-ca", options.rpc.tls.client_ca,
+                   "Let in only clients with a certificate that one of these has signed (PEM)")
+      ->type_name("FILE")
+      ->group(security);
+  command
+      ->add_option(
+          "--tokens", options.guard.token_file,
+          "Let in only calls with a bearer token of this file, see 'depthtween-server token'. Read again when it "
+          "changes")
+      ->type_name("FILE")
+      ->group(security);
 
   const std::string log = "Log";
   command->add_flag("--log-json", options.log.json, "Log JSON, one object a line")->group(log);
@@ -237,12 +277,16 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
 
 struct HealthCheckOptions {
   std::string server = "127.0.0.1:50051";
+  std::string tls_ca;
   double timeout_s = 3.0;
 };
 
 void AddHealthCheckCommand(CLI::App& app, HealthCheckOptions& options) {
   CLI::App* command = app.add_subcommand("healthcheck", "Exit with 0 if a server is up and serving, else with 1.");
   command->add_option("--server", options.server, "HOST:PORT or unix:PATH")->capture_default_str();
+  command
+      ->add_option("--tls-ca", options.tls_ca, "The server speaks TLS; its certificate is signed by one of these (PEM)")
+      ->type_name("FILE");
   command->add_option("--timeout", options.timeout_s, "Seconds")->check(CLI::Range(0.001, 1e6))->capture_default_str();
 }
 
@@ -263,6 +307,8 @@ int Main(int argc, char** argv) {
   app.get_formatter()->column_width(36);
   AddServeCommand(app, serve);
   AddHealthCheckCommand(app, health_check);
+  TokenOptions token;
+  const CLI::App* token_command = AddTokenCommand(app, token);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -272,7 +318,9 @@ int Main(int argc, char** argv) {
   absl::Status status;
   try {
     status = app.got_subcommand("serve") ? Serve(serve)
-                                         : CheckHealth(health_check.server, absl::Seconds(health_check.timeout_s));
+             : app.got_subcommand("token")
+                 ? RunTokenCommand(*token_command, token)
+                 : CheckHealth(health_check.server, health_check.tls_ca, absl::Seconds(health_check.timeout_s));
   } catch (const std::exception& error) {
     status = absl::InternalError(absl::StrCat("unexpected failure, please report it: ", error.what()));
   }

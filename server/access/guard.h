@@ -40,6 +40,8 @@ class Guard {
   // Reads the token file. Errors as ReadTokenFile; InvalidArgument for a file without tokens.
   static absl::StatusOr<std::unique_ptr<Guard>> Open(const GuardOptions& options);
 
+  bool asks_for_tokens() const { return !options_.token_file.empty(); }
+
   // Who calls. `needed` is what the method asks for, `resource` the name of the resource that it is about.
   // Unauthenticated (reasons NO_TOKEN, BAD_TOKEN, EXPIRED_TOKEN, BAD_LINK); PermissionDenied (WRONG_SCOPE) with the
   // scope that is missing; ResourceExhausted (LIMIT_EXCEEDED, max_calls_per_second) when the tenant calls too often.

@@ -4,6 +4,8 @@
 
 #include <string>
 
+#include "core/base/status.h"
+
 namespace depthtween::server {
 
 // PEM files. Both listeners read them again when they change, so that certificates are renewed without a restart.
@@ -14,6 +16,10 @@ struct TlsFiles {
 
   bool enabled() const { return !cert.empty() || !key.empty() || !client_ca.empty(); }
 };
+
+// OK if the files can be read and used together. InvalidArgument names the file and what is wrong: missing, not PEM, a
+// key that does not belong to the certificate, or a certificate that has expired.
+absl::Status CheckTlsFiles(const TlsFiles& files);
 
 }  // namespace depthtween::server
 

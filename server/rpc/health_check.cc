@@ -6,14 +6,21 @@
 #include <chrono>
 
 #include "absl/strings/str_format.h"
+#include "core/io/file.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 
 namespace depthtween::server {
 
-absl::Status CheckHealth(const std::string& address, absl::Duration timeout) {
+absl::Status CheckHealth(const std::string& address, const std::string& tls_ca, absl::Duration timeout) {
+  std::shared_ptr<grpc::ChannelCredentials> credentials = grpc::InsecureChannelCredentials();
+  if (!tls_ca.empty()) {
+    const absl::StatusOr<std::string> roots = ReadFile(tls_ca);
+    if (!roots.ok()) return absl::InvalidArgumentError(absl::StrCat("--tls-ca: ", roots.status().message()));
+    credentials = grpc::SslCredentials({.pem_root_certs = *roots, .pem_private_key = {}, .pem_cert_chain = {}});
+  }
   grpc::ChannelArguments arguments;
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);  // a probe asks this server, not the site's proxy about it
-  const auto channel = grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+  const auto channel = grpc::CreateCustomChannel(address, credentials, arguments);
   const auto stub = grpc::health::v1::Health::NewStub(channel);
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + absl::ToChronoMilliseconds(timeout));

@@ -9,8 +9,9 @@
 
 namespace depthtween::server {
 
-// OK if the server at `address` says SERVING within `timeout`; Unavailable with what it said otherwise.
-absl::Status CheckHealth(const std::string& address, absl::Duration timeout);
+// OK if the server at `address` says SERVING within `timeout`; Unavailable with what it said otherwise. With `tls_ca`,
+// a PEM file, over TLS. InvalidArgument if that file cannot be read.
+absl::Status CheckHealth(const std::string& address, const std::string& tls_ca, absl::Duration timeout);
 
 }  // namespace depthtween::server
 

@@ -14,7 +14,7 @@ namespace health_v1 = grpc::health::v1;
 using health_v1::HealthCheckRequest;
 using health_v1::HealthCheckResponse;
 
-HealthCheckResponse::ServingStatus Encode(bool serving) {
+HealthCheckResponse::ServingStatus EncodeServing(bool serving) {
   return serving ? HealthCheckResponse::SERVING : HealthCheckResponse::NOT_SERVING;
 }
 
@@ -27,7 +27,7 @@ class HealthWatchStream : public ServerStream<HealthCheckResponse> {
   absl::StatusOr<Next> Produce() override {
     if (subscription_ == nullptr) subscription_ = health_.Subscribe(Waker());
     const std::optional<bool> serving = health_.IsServing(service_);
-    const auto status = serving ? Encode(*serving) : HealthCheckResponse::SERVICE_UNKNOWN;
+    const auto status = serving ? EncodeServing(*serving) : HealthCheckResponse::SERVICE_UNKNOWN;
     if (sent_ == status) return Next::kWait;
     sent_ = status;
     message().set_status(status);
@@ -51,7 +51,7 @@ class HealthService : public health_v1::Health::CallbackService {
     return runtime_.Unary(context, "Health.Check", request->service(), [=, this](const Caller&) -> absl::Status {
       const std::optional<bool> serving = health_.IsServing(request->service());
       if (!serving) return NoSuchResource(request->service());
-      response->set_status(Encode(*serving));
+      response->set_status(EncodeServing(*serving));
       return absl::OkStatus();
     });
   }

@@ -14,7 +14,8 @@ namespace depthtween::server {
 
 // Borrows `runtime` and `jobs`. Streams of frames whose buffers together would exceed `frame_memory_bytes` are refused
 // with ServerBusy().
-std::unique_ptr<grpc::Service> MakeOutputService(CallRuntime& runtime, JobManager& jobs, int64_t frame_memory_bytes);
+std::unique_ptr<grpc::Service> MakeOutputService(CallRuntime& runtime, JobManager& jobs, const Guard& guard,
+                                                 int64_t frame_memory_bytes);
 
 }  // namespace depthtween::server
 

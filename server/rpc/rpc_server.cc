@@ -1,10 +1,12 @@
 #include "server/rpc/rpc_server.h"
 
-#include <arpa/inet.h>
 #include <grpc/support/log.h>
 #include <grpcpp/channel.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/resource_quota.h>
+#include <grpcpp/security/server_credentials.h>
+#include <grpcpp/security/tls_certificate_provider.h>
+#include <grpcpp/security/tls_credentials_options.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
@@ -12,8 +14,8 @@
 #include <mutex>
 #include <string_view>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
+#include "server/access/listen_address.h"
 #include "server/rpc/admin_service.h"
 #include "server/rpc/call_runtime.h"
 #include "server/rpc/health_service.h"
@@ -34,34 +36,10 @@ constexpr int kPingEveryMs = 20'000;
 constexpr int kPingTimeoutMs = 10'000;
 // Clients may ping too, not more often than this.
 constexpr int kClientPingEveryMs = 5'000;
-
-struct Address {
-  std::string host;  // without brackets
-  int port = 0;
-};
-
-absl::StatusOr<Address> ParseAddress(const std::string& listen) {
-  const size_t colon = listen.rfind(':');
-  Address address;
-  if (colon == std::string::npos || colon == 0 || !absl::SimpleAtoi(listen.substr(colon + 1), &address.port) ||
-      address.port < 0 || address.port > 65535) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("listen = \"%s\", must be HOST:PORT such as 127.0.0.1:50051 or [::1]:0, or unix:PATH", listen));
-  }
-  address.host = listen.substr(0, colon);
-  if (address.host.size() >= 2 && address.host.front() == '[' && address.host.back() == ']') {
-    address.host = address.host.substr(1, address.host.size() - 2);
-  }
-  return address;
-}
-
-bool IsLoopback(const std::string& host) {
-  if (host == "localhost") return true;
-  in_addr v4{};
-  if (inet_pton(AF_INET, host.c_str(), &v4) == 1) return (ntohl(v4.s_addr) >> 24) == 127;
-  in6_addr v6{};
-  return inet_pton(AF_INET6, host.c_str(), &v6) == 1 && IN6_IS_ADDR_LOOPBACK(&v6);
-}
+// A connection is renewed after this long, so that none is kept for ever; calls that are under way go on on the old
+// one.
+constexpr int kConnectionAgeMs = 30 * 60'000;
+constexpr unsigned kCertificateLookSeconds = 1;
 
 // Writes gRPC's own messages to our log, in the same form.
 void LogFromGrpc(gpr_log_func_args* arguments) {
@@ -77,32 +55,42 @@ absl::Status Positive(std::string_view field, int64_t value) {
   return absl::InvalidArgumentError(absl::StrFormat("%s = %d, must be > 0", std::string(field), value));
 }
 
+// gRPC reads the files again by itself; a broken new one leaves the old one in use.
+std::shared_ptr<grpc::ServerCredentials> ServerCredentials(const TlsFiles& tls) {
+  if (!tls.enabled()) return grpc::InsecureServerCredentials();
+  const auto provider = std::make_shared<grpc::experimental::FileWatcherCertificateProvider>(
+      tls.key, tls.cert, tls.client_ca, kCertificateLookSeconds);
+  grpc::experimental::TlsServerCredentialsOptions options(provider);
+  options.watch_identity_key_cert_pairs();
+  if (!tls.client_ca.empty()) {
+    options.watch_root_certs();
+    options.set_cert_request_type(GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY);
+  }
+  return grpc::experimental::TlsServerCredentials(options);
+}
+
 }  // namespace
 
-absl::Status RpcServerOptions::Validate() const {
+absl::Status RpcServerOptions::Validate(bool tokens) const {
   RETURN_IF_ERROR(Positive("call_threads", call_threads));
-  RETURN_IF_ERROR(Positive("max_calls", max_calls));
+  RETURN_IF_ERROR(Positive("max_calls", room.calls));
+  RETURN_IF_ERROR(Positive("max_streams", room.streams));
+  RETURN_IF_ERROR(Positive("max_streams_of_client", room.streams_of_client));
+  RETURN_IF_ERROR(Positive("health calls", room.health));
   RETURN_IF_ERROR(Positive("max_streams_per_connection", max_streams_per_connection));
   RETURN_IF_ERROR(Positive("max_message_bytes", max_message_bytes));
   RETURN_IF_ERROR(Positive("transport_memory_bytes", transport_memory_bytes));
   RETURN_IF_ERROR(Positive("frame_memory_bytes", frame_memory_bytes));
   RETURN_IF_ERROR(Positive("watch_heartbeat (ms)", absl::ToInt64Milliseconds(watch_heartbeat)));
-  if (listen.rfind("unix:", 0) == 0) return absl::OkStatus();
-  ASSIGN_OR_RETURN(const Address address, ParseAddress(listen));
-  if (!IsLoopback(address.host) && !insecure_listen_anywhere) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "listen = \"%s\" is reachable from other machines, and this server has neither TLS nor authentication: anyone "
-        "who can reach it can read and delete everything. Listen on 127.0.0.1 or [::1], or use "
-        "--insecure-listen-anywhere if the network itself keeps others out",
-        listen));
-  }
-  return absl::OkStatus();
+  RETURN_IF_ERROR(CheckListenAddress(
+      listen, {.tls = tls.enabled(), .tokens = tokens, .insecure_anywhere = insecure_listen_anywhere}));
+  return tls.enabled() ? CheckTlsFiles(tls) : absl::OkStatus();
 }
 
 absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptions& options, const Limits& limits,
-                                                            const DataDirectory& directory, Sequences& sequences,
-                                                            JobManager& jobs, Health& health) {
-  RETURN_IF_ERROR(options.Validate());
+                                                            const DataDirectory& directory, Guard& guard,
+                                                            Sequences& sequences, JobManager& jobs, Health& health) {
+  RETURN_IF_ERROR(options.Validate(guard.asks_for_tokens()));
   static std::once_flag once;
   std::call_once(once, [] {
     gpr_set_log_function(LogFromGrpc);
@@ -110,17 +98,17 @@ absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptio
   });
 
   std::unique_ptr<RpcServer> result(new RpcServer(health));
-  result->runtime_ = std::make_unique<CallRuntime>(directory, options.call_threads, options.max_calls);
+  result->runtime_ = std::make_unique<CallRuntime>(directory, guard, options.call_threads, options.room);
   CallRuntime& runtime = *result->runtime_;
   result->services_.push_back(MakeSequenceService(runtime, sequences, jobs, limits));
   result->services_.push_back(MakeJobService(runtime, jobs, limits, options.watch_heartbeat));
-  result->services_.push_back(MakeOutputService(runtime, jobs, options.frame_memory_bytes));
+  result->services_.push_back(MakeOutputService(runtime, jobs, guard, options.frame_memory_bytes));
   result->services_.push_back(MakeAdminService(runtime, jobs, limits));
   result->services_.push_back(MakeHealthService(runtime, health));
 
   grpc::ServerBuilder builder;
   for (const auto& service : result->services_) builder.RegisterService(service.get());
-  builder.AddListeningPort(options.listen, grpc::InsecureServerCredentials(), &result->port_);
+  builder.AddListeningPort(options.listen, ServerCredentials(options.tls), &result->port_);
   builder.SetMaxReceiveMessageSize(options.max_message_bytes);
   grpc::ResourceQuota quota("depthtween");
   quota.Resize(options.transport_memory_bytes);
@@ -131,6 +119,7 @@ absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptio
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);  // no bound: idle streams are pinged too
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kClientPingEveryMs);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, kConnectionAgeMs);
   // By default two servers silently share a port, and each gets some of the calls.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   // Only reflection is synchronous; it needs no more.

@@ -9,8 +9,11 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "server/access/guard.h"
+#include "server/access/tls_files.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/sequences.h"
+#include "server/rpc/call_runtime.h"
 #include "server/store/data_directory.h"
 #include "server/store/limits.h"
 #include "server/telemetry/health.h"
@@ -23,31 +26,30 @@ class Service;
 
 namespace depthtween::server {
 
-class CallRuntime;
-
 struct RpcServerOptions {
   std::string listen = "127.0.0.1:50051";  // port 0: any free one
-  // Without it the server listens only on loopback addresses and unix: sockets. There is no TLS and no authentication:
-  // anyone who can reach the port can do everything.
+  // Without it the server listens where others can reach it only with TLS and tokens, see CheckListenAddress.
   bool insecure_listen_anywhere = false;
+  TlsFiles tls;
   int call_threads = 8;  // that answer calls; a call that waits holds none
-  int max_calls = 1000;  // in flight, streams included
+  CallRoom room;
   int max_streams_per_connection = 200;
   int max_message_bytes = 4 << 20;
   int64_t transport_memory_bytes = int64_t{512} << 20;  // what gRPC may buffer for all connections together
   int64_t frame_memory_bytes = int64_t{1} << 30;        // what streams of frames may hold together
   absl::Duration watch_heartbeat = absl::Seconds(15);
 
-  absl::Status Validate() const;
+  // `tokens`: the guard asks for them.
+  absl::Status Validate(bool tokens) const;
 };
 
 class RpcServer {
  public:
   // Binds the port and starts to serve. Borrows all but the options and the limits; they must outlive it.
-  // InvalidArgument for options; FailedPrecondition if the address cannot be bound.
+  // InvalidArgument for options and TLS files that cannot be used; FailedPrecondition if the address cannot be bound.
   static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const RpcServerOptions& options, const Limits& limits,
-                                                          const DataDirectory& directory, Sequences& sequences,
-                                                          JobManager& jobs, Health& health);
+                                                          const DataDirectory& directory, Guard& guard,
+                                                          Sequences& sequences, JobManager& jobs, Health& health);
   // Stops without patience, unless Stop was called.
   ~RpcServer();
   RpcServer(const RpcServer&) = delete;

@@ -8,7 +8,7 @@ namespace depthtween::server {
 
 StreamDriver::StreamDriver(CallRuntime& runtime, grpc::CallbackServerContext* context, std::string_view method,
                            std::string_view subject)
-    : call_(runtime, context, method, subject) {}
+    : call_(runtime, context, CallKind::kStream, method, subject) {}
 
 StreamDriver::~StreamDriver() = default;
 

@@ -18,7 +18,7 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
                      public std::enable_shared_from_this<UploadStream> {
  public:
   UploadStream(CallRuntime& runtime, grpc::CallbackServerContext* context, Sequences& sequences, v1::Upload* response)
-      : sequences_(sequences), response_(response), call_(runtime, context, "WriteUpload", "") {}
+      : sequences_(sequences), response_(response), call_(runtime, context, CallKind::kStream, "WriteUpload", "") {}
 
   void Start() {
     self_ = shared_from_this();

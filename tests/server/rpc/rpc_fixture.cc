@@ -31,7 +31,8 @@ RpcServer& RpcTest::server() {
     blobs_ = MakeFolderBlobStore(*directory_);
     jobs_ = Take(JobManager::Start(*directory_, *store_, job_options));
     sequences_ = std::make_unique<Sequences>(*store_, *blobs_, limits, [this] { jobs_->Wake(); });
-    server_ = Take(RpcServer::Start(rpc_options, limits, *directory_, *sequences_, *jobs_, health_));
+    guard_ = Take(Guard::Open(guard_options));
+    server_ = Take(RpcServer::Start(rpc_options, limits, *directory_, *guard_, *sequences_, *jobs_, health_));
     sequences_stub_ = v1::SequenceService::NewStub(server_->InProcessChannel());
     jobs_stub_ = v1::JobService::NewStub(server_->InProcessChannel());
     outputs_stub_ = v1::OutputService::NewStub(server_->InProcessChannel());
@@ -40,7 +41,7 @@ RpcServer& RpcTest::server() {
 }
 
 absl::StatusOr<std::unique_ptr<RpcServer>> RpcTest::StartAnother(const RpcServerOptions& options) {
-  return RpcServer::Start(options, limits, *directory_, *sequences_, *jobs_, health_);
+  return RpcServer::Start(options, limits, *directory_, *guard_, *sequences_, *jobs_, health_);
 }
 
 v1::SequenceService::Stub& RpcTest::sequences_stub() { return server(), *sequences_stub_; }

@@ -72,6 +72,7 @@ class RpcTest : public testing::Test {
   RpcServerOptions rpc_options = {.listen = "127.0.0.1:0", .call_threads = 4};
   JobManagerOptions job_options;
   Limits limits;
+  GuardOptions guard_options;
 
   // Starts the server if it does not run.
   RpcServer& server();
@@ -106,6 +107,7 @@ class RpcTest : public testing::Test {
   std::unique_ptr<BlobStore> blobs_;
   std::unique_ptr<JobManager> jobs_;
   std::unique_ptr<Sequences> sequences_;
+  std::unique_ptr<Guard> guard_;
   Health health_;
   std::unique_ptr<RpcServer> server_;
   std::unique_ptr<v1::SequenceService::Stub> sequences_stub_;

@@ -68,9 +68,9 @@ TEST_F(RpcServerTest, HealthIsToldForEachService) {
 
 TEST_F(RpcServerTest, AProbeFromOutsideSeesTheServerAndItsEnd) {
   const std::string address = Address();
-  EXPECT_THAT(CheckHealth(address, absl::Seconds(60)), IsOk());
+  EXPECT_THAT(CheckHealth(address, "", absl::Seconds(60)), IsOk());
   StopServer();
-  EXPECT_THAT(CheckHealth(address, absl::Milliseconds(200)), HasCode(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(CheckHealth(address, "", absl::Milliseconds(200)), HasCode(absl::StatusCode::kUnavailable));
 }
 
 // One call of any method with one request, as a client does it that knows only bytes. Gives the status, and the first
@@ -155,7 +155,7 @@ TEST_F(RpcServerTest, EveryMethodAnswersAnEmptyRequest) {
       EXPECT_TRUE(Detail<google::rpc::BadRequest>(status).has_value()) << method;
     }
   }
-  EXPECT_EQ(methods, 8 + 7 + 4 + 1 + 2);
+  EXPECT_EQ(methods, 8 + 7 + 5 + 1 + 2);
 }
 
 TEST_F(RpcServerTest, GarbageIsRefusedAndTheServerGoesOn) {
@@ -190,8 +190,9 @@ TEST_F(RpcServerTest, EveryAnswerCarriesARequestId) {
   }
 }
 
-TEST_F(RpcServerTest, CallsBeyondTheLimitAreAskedToComeBack) {
-  rpc_options.max_calls = 2;
+// Watchers that do nothing shut nobody out: short calls and health have room of their own.
+TEST_F(RpcServerTest, StreamsBeyondTheLimitAreAskedToComeBack) {
+  rpc_options.room.streams = 2;
   const v1::Job job = CreateJob(ReadySequence("wait_at 0"));
   v1::WatchJobRequest request;
   request.set_name(job.name());
@@ -202,19 +203,46 @@ TEST_F(RpcServerTest, CallsBeyondTheLimitAreAskedToComeBack) {
     v1::JobEvent event;
     ASSERT_TRUE(readers[i]->Read(&event));
   }
-  grpc::ClientContext context;
-  v1::ListJobsResponse list;
-  const grpc::Status status = jobs_stub().ListJobs(&context, {}, &list);
+  const auto watch = [&] {
+    grpc::ClientContext context;
+    const auto reader = jobs_stub().WatchJob(&context, request);
+    v1::JobEvent event;
+    if (!reader->Read(&event)) return reader->Finish();
+    context.TryCancel();
+    reader->Finish();
+    return grpc::Status::OK;
+  };
+  const grpc::Status status = watch();
   EXPECT_THAT(status, Fails(grpc::RESOURCE_EXHAUSTED, "SERVER_BUSY"));
   EXPECT_TRUE(Detail<google::rpc::RetryInfo>(status).has_value());
+  grpc::ClientContext context;
+  v1::ListJobsResponse list;
+  EXPECT_THAT(jobs_stub().ListJobs(&context, {}, &list), Succeeds());
+  EXPECT_THAT(CheckHealth(Address(), "", absl::Seconds(60)), IsOk());
+
   contexts[0].TryCancel();
   readers[0]->Finish();
   grpc::Status later;
   do {
-    grpc::ClientContext later_context;
-    later = jobs_stub().ListJobs(&later_context, {}, &list);
+    later = watch();
   } while (later.error_code() == grpc::RESOURCE_EXHAUSTED);
   EXPECT_THAT(later, Succeeds());
+}
+
+TEST_F(RpcServerTest, OneClientCannotHaveAllStreams) {
+  rpc_options.room.streams_of_client = 1;
+  const v1::Job job = CreateJob(ReadySequence("wait_at 0"));
+  v1::WatchJobRequest request;
+  request.set_name(job.name());
+  grpc::ClientContext first, second;
+  v1::JobEvent event;
+  const auto reader = jobs_stub().WatchJob(&first, request);
+  ASSERT_TRUE(reader->Read(&event));
+  const auto refused = jobs_stub().WatchJob(&second, request);
+  EXPECT_FALSE(refused->Read(&event));
+  EXPECT_THAT(refused->Finish(), Fails(grpc::RESOURCE_EXHAUSTED, "SERVER_BUSY"));
+  first.TryCancel();
+  reader->Finish();
 }
 
 // API.md: on the way down every stream ends with UNAVAILABLE and a RetryInfo, whatever it was doing, and bytes that
@@ -304,21 +332,23 @@ TEST_F(RpcServerTest, TwoServersCannotShareAPort) {
 // There is neither TLS nor a token: what is reachable from other machines needs a word of its own.
 TEST(RpcServerOptions, OnlyLoopbackUnlessTold) {
   for (const std::string listen : {"127.0.0.1:50051", "127.1.2.3:0", "[::1]:1", "localhost:1", "unix:/tmp/a.sock"}) {
-    EXPECT_THAT((RpcServerOptions{.listen = listen}.Validate()), IsOk()) << listen;
+    EXPECT_THAT((RpcServerOptions{.listen = listen}.Validate(/*tokens=*/false)), IsOk()) << listen;
   }
   for (const std::string listen :
        {"0.0.0.0:50051", "[::]:50051", "192.168.1.1:1", "example.org:1", "[::ffff:1.2.3.4]:1"}) {
-    const absl::Status status = RpcServerOptions{.listen = listen}.Validate();
+    const absl::Status status = RpcServerOptions{.listen = listen}.Validate(/*tokens=*/false);
     EXPECT_THAT(status, HasCode(absl::StatusCode::kInvalidArgument)) << listen;
     EXPECT_THAT(std::string(status.message()), testing::HasSubstr("--insecure-listen-anywhere"));
-    EXPECT_THAT((RpcServerOptions{.listen = listen, .insecure_listen_anywhere = true}.Validate()), IsOk());
+    EXPECT_THAT((RpcServerOptions{.listen = listen, .insecure_listen_anywhere = true}.Validate(/*tokens=*/false)),
+                IsOk());
   }
   for (const std::string listen : {"", "127.0.0.1", ":1", "127.0.0.1:x", "127.0.0.1:65536", "127.0.0.1:-1"}) {
-    EXPECT_THAT((RpcServerOptions{.listen = listen, .insecure_listen_anywhere = true}.Validate()),
+    EXPECT_THAT((RpcServerOptions{.listen = listen, .insecure_listen_anywhere = true}.Validate(/*tokens=*/false)),
                 HasCode(absl::StatusCode::kInvalidArgument))
         << listen;
   }
-  EXPECT_THAT((RpcServerOptions{.max_calls = 0}.Validate()), HasCode(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT((RpcServerOptions{.room = {.calls = 0}}.Validate(/*tokens=*/false)),
+              HasCode(absl::StatusCode::kInvalidArgument));
 }
 
 }  // namespace
