@@ -16,12 +16,47 @@
 
 namespace depthtween::cli {
 
+namespace {
+
+// The server that the options name: flags and environment win over what its file says.
+absl::StatusOr<client::ServerProfile> ProfileOf(const CommonOptions& options) {
+  ASSIGN_OR_RETURN(const std::optional<client::ServerProfile> named,
+                   client::FindServer(client::ServersFile(), options.server));
+  client::ServerProfile profile = named.value_or(client::ServerProfile{.address = options.server});
+  profile.tls = profile.tls || options.profile.tls;
+  const auto prefer = [](const std::string& said, std::string& value) {
+    if (!said.empty()) value = said;
+  };
+  prefer(options.profile.tls_ca, profile.tls_ca);
+  prefer(options.profile.tls_cert, profile.tls_cert);
+  prefer(options.profile.tls_key, profile.tls_key);
+  prefer(options.profile.token_file, profile.token_file);
+  return profile;
+}
+
+}  // namespace
+
 void AddCommonOptions(CLI::App& command, CommonOptions& options) {
-  command.add_option("--server", options.server, "Address of the server, host:port")
+  command
+      .add_option("--server", options.server,
+                  "Address of the server, host:port, or a name of the file of servers (see 'depthtween --help')")
       ->envname("DEPTHTWEEN_SERVER")
       ->type_name("ADDRESS")
       ->check(client::AddressProblem)
       ->capture_default_str();
+  const std::string access = "Access";
+  command.add_flag("--tls", options.profile.tls, "The server speaks TLS, with a certificate that this system trusts")
+      ->group(access);
+  const auto file = [&](const char* flag, const char* environment, std::string& value, const char* help) {
+    command.add_option(flag, value, help)->envname(environment)->type_name("FILE")->group(access);
+  };
+  file("--tls-ca", "DEPTHTWEEN_TLS_CA", options.profile.tls_ca,
+       "The server speaks TLS, with a certificate that one of these has signed (PEM)");
+  file("--tls-cert", "DEPTHTWEEN_TLS_CERT", options.profile.tls_cert,
+       "Your own certificate, where the server asks for one (PEM)");
+  file("--tls-key", "DEPTHTWEEN_TLS_KEY", options.profile.tls_key, "Its private key (PEM)");
+  file("--token-file", "DEPTHTWEEN_TOKEN_FILE", options.profile.token_file,
+       "Holds the secret of your token, where the server asks for one");
   command
       .add_option(
           "--patience", options.patience_s,
@@ -41,9 +76,15 @@ absl::StatusOr<std::unique_ptr<client::Connection>> Connect(const CommonOptions&
     std::cerr << "depthtween: " << what << "; trying again for up to " << options.patience_s << " s (--patience)"
               << std::endl;
   };
-  return client::Connection::Open({.address = options.server,
-                                   .patience = std::chrono::milliseconds(std::lround(options.patience_s * 1000)),
-                                   .on_away = on_away});
+  client::ConnectionOptions connection = {.patience = std::chrono::milliseconds(std::lround(options.patience_s * 1000)),
+                                          .on_away = on_away};
+  ASSIGN_OR_RETURN(const client::ServerProfile profile, ProfileOf(options));
+  RETURN_IF_ERROR(client::Apply(profile, connection));
+  if (!connection.token.empty() && !connection.tls && !client::IsLocalAddress(connection.address)) {
+    std::cerr << "depthtween: warning: the token crosses the network in the clear, because " << connection.address
+              << " is called without TLS (--tls, --tls-ca)" << std::endl;
+  }
+  return client::Connection::Open(connection);
 }
 
 absl::StatusOr<std::string> JobName(const std::string& argument) {

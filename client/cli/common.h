@@ -11,16 +11,18 @@
 #include <string_view>
 
 #include "client/lib/connection.h"
+#include "client/lib/server_profile.h"
 
 namespace depthtween::cli {
 
 struct CommonOptions {
-  std::string server = "127.0.0.1:50051";
+  std::string server = "127.0.0.1:50051";  // or a name of the file of servers
+  client::ServerProfile profile;           // what flags and environment say beside the address
   double patience_s = 60.0;
   bool json = false;
 };
 
-// Adds --server, --patience and --json to a subcommand. `options` must outlive the parsing.
+// Adds --server and how to reach it, --patience and --json to a subcommand. `options` must outlive the parsing.
 void AddCommonOptions(CLI::App& command, CommonOptions& options);
 
 absl::StatusOr<std::unique_ptr<client::Connection>> Connect(const CommonOptions& options);

@@ -20,7 +20,13 @@ constexpr char kDescription[] =
 constexpr char kExitCodeHelp[] =
     "\nExit codes: 0 done; 1 failed; 2 wrong usage; 3 server unreachable; 4 recording rejected; 5 job failed;\n"
     "            6 job cancelled; 7 job not finished, what is ready was fetched.\n"
-    "Environment: DEPTHTWEEN_SERVER is the default of --server.\n";
+    "Environment: DEPTHTWEEN_SERVER is the default of --server; DEPTHTWEEN_TLS_CA, _TLS_CERT, _TLS_KEY and "
+    "_TOKEN_FILE\n"
+    "            those of --tls-ca, --tls-cert, --tls-key and --token-file.\n"
+    "Named servers: ~/.config/depthtween/servers.json, or the file that DEPTHTWEEN_CONFIG names:\n"
+    "            {\"servers\": {\"studio\": {\"address\": \"depth.example.org:443\", \"tls\": true,\n"
+    "                                     \"token_file\": \"studio.token\"}}}\n"
+    "            Then 'depthtween list --server studio' is enough.\n";
 
 }  // namespace
 

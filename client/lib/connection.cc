@@ -29,7 +29,13 @@ ConnectionOptions Normalised(ConnectionOptions options) {
   return options;
 }
 
-std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address) {
+std::shared_ptr<grpc::ChannelCredentials> Credentials(const ConnectionOptions& options) {
+  if (!options.tls) return grpc::InsecureChannelCredentials();
+  return grpc::SslCredentials(
+      {.pem_root_certs = options.tls_roots, .pem_private_key = options.tls_key, .pem_cert_chain = options.tls_cert});
+}
+
+std::shared_ptr<grpc::Channel> MakeChannel(const ConnectionOptions& options) {
   grpc::ChannelArguments arguments;
   // After this much silence on a stream, its peer has vanished (cable, suspended machine). The server's heartbeats keep
   // healthy streams below it.
@@ -40,7 +46,7 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address) {
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
   // http_proxy is meant for the web; obeying it would send even loopback calls there.
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
-  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+  return grpc::CreateCustomChannel(options.address, Credentials(options), arguments);
 }
 
 // gRPC's reason for a missing connection, without what only its authors need.
@@ -69,7 +75,7 @@ std::string AddressProblem(const std::string& address) {
 
 Connection::Connection(ConnectionOptions options)
     : options_(Normalised(std::move(options))),
-      channel_(MakeChannel(options_.address)),
+      channel_(MakeChannel(options_)),
       admin_(v1::AdminService::NewStub(channel_)),
       sequences_(v1::SequenceService::NewStub(channel_)),
       jobs_(v1::JobService::NewStub(channel_)),
@@ -93,6 +99,10 @@ absl::StatusOr<std::unique_ptr<Connection>> Connection::Open(const ConnectionOpt
   return connection;
 }
 
+void Connection::Authorize(grpc::ClientContext& context) const {
+  if (!options_.token.empty()) context.AddMetadata("authorization", "Bearer " + options_.token);
+}
+
 absl::Status Connection::Answer(const grpc::Status& status) const {
   // An address that drops packets runs into our deadline; others refuse at once. A deadline of the server itself
   // carries details.
@@ -100,7 +110,26 @@ absl::Status Connection::Answer(const grpc::Status& status) const {
   // Cancelled, but not by us: the server ended the call because it is stopping.
   if (!silent && status.error_code() != grpc::StatusCode::UNAVAILABLE &&
       status.error_code() != grpc::StatusCode::CANCELLED) {
-    return FromRpc(status);
+    const absl::Status answer = FromRpc(status);
+    if (!absl::IsUnauthenticated(answer) || !options_.token.empty()) return answer;
+    return absl::UnauthenticatedError(
+        absl::StrFormat("%s asks for a token: name the file that holds yours with --token-file FILE or the environment "
+                        "variable DEPTHTWEEN_TOKEN_FILE; the server's operator makes one with 'depthtween-server token "
+                        "new'",
+                        options_.address));
+  }
+  // Whoever speaks TLS ends a connection that does not, and the other way round.
+  const std::string& words = status.error_message();
+  const bool ended = absl::StrContains(words, "Socket closed") || absl::StrContains(words, "Connection reset") ||
+                     absl::StrContains(words, "handshake") || absl::StrContains(words, "SSL") ||
+                     absl::StrContains(words, "recvmsg") || absl::StrContains(words, "Ssl");
+  if (ended && !silent) {
+    return absl::UnavailableError(absl::StrFormat(
+        "%s ends the connection (%s). %s", options_.address, Why(words),
+        options_.tls
+            ? "Does it speak TLS, has --tls-ca signed its certificate, does the certificate name this host, and "
+              "does it ask for a certificate of yours (--tls-cert, --tls-key)?"
+            : "Does it speak TLS? Then say --tls, or name who has signed its certificate with --tls-ca FILE"));
   }
   return absl::UnavailableError(
       absl::StrFormat("no server answers at %s (%s). Start one with 'depthtween-server serve --data-dir DIR --listen "

@@ -27,6 +27,12 @@ std::string AddressProblem(const std::string& address);
 struct ConnectionOptions {
   // host:port; without a port 50051.
   std::string address = "127.0.0.1:50051";
+  // Speak TLS. `tls_roots`: PEM of those who may have signed the server's certificate; empty: the system's authorities.
+  // `tls_cert`, `tls_key`: PEM of our own certificate, where the server asks for one.
+  bool tls = false;
+  std::string tls_roots, tls_cert, tls_key;
+  // The secret of a bearer token; empty: none is sent.
+  std::string token;
   // Time limit of a call that transfers no files or frames.
   std::chrono::milliseconds call_timeout{20'000};
   // How long to keep trying while the server does not answer, from the first call on.
@@ -66,6 +72,8 @@ class Connection {
     return unanswered && absl::IsNotFound(status) ? absl::OkStatus() : status;
   }
 
+  // Adds the token, if there is one. For calls that are not made by Call or Remove.
+  void Authorize(grpc::ClientContext& context) const;
   // For work of more than one call that can be retried as well.
   Backoff NewBackoff() const { return Backoff(options_.patience, options_.on_away); }
   // The status of a call to this server; Unavailable names the address and what to do.
@@ -81,6 +89,7 @@ class Connection {
                                       const Request& request, bool* unanswered = nullptr) {
     for (Backoff backoff = NewBackoff();;) {
       grpc::ClientContext context;
+      Authorize(context);
       context.set_deadline(std::chrono::system_clock::now() + timeout);
       Response response;
       const absl::Status status = Answer((stub.*method)(&context, request, &response));

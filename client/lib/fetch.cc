@@ -207,6 +207,7 @@ absl::Status StreamFrames(Connection& connection, v1::StreamFramesRequest reques
                           const std::function<absl::Status(int frame)>& on_lost) {
   for (Persistence persistence(connection);;) {
     grpc::ClientContext context;  // no deadline: a followed job takes as long as it takes
+    connection.Authorize(context);
     const auto stream = connection.outputs().StreamFrames(&context, request);
     FrameAssembler assembler(request.name());
     v1::FrameChunk chunk;
@@ -242,6 +243,7 @@ absl::StatusOr<int64_t> FetchFile(Connection& connection, const std::string& nam
     request.set_name(name);
     request.set_read_offset(size);
     grpc::ClientContext context;
+    connection.Authorize(context);
     const auto stream = connection.outputs().ReadOutput(&context, request);
     v1::ReadOutputResponse part;
     absl::Status here, written;
@@ -289,6 +291,7 @@ absl::StatusOr<std::string> FrameFileName(const v1::FrameHeader& header) {
 absl::StatusOr<Frame> RenderFrame(Connection& connection, const v1::RenderFrameRequest& request) {
   for (Persistence persistence(connection);;) {
     grpc::ClientContext context;  // no deadline: the server has one
+    connection.Authorize(context);
     const auto stream = connection.outputs().RenderFrame(&context, request);
     FrameAssembler assembler(request.job());
     v1::FrameChunk chunk;

@@ -93,6 +93,7 @@ absl::StatusOr<v1::Job> WatchJob(Connection& connection, const std::string& name
   request.set_name(name);
   for (Backoff backoff = connection.NewBackoff(); !HasEnded(job.state());) {
     grpc::ClientContext context;  // no deadline: heartbeats tell whether the server lives
+    connection.Authorize(context);
     const auto stream = connection.jobs().WatchJob(&context, request);
     v1::JobEvent event;
     while (stream->Read(&event)) {

@@ -67,6 +67,7 @@ class GroupUpload {
   // One stream from committed_size to the end, or as far as it gets.
   absl::Status Write() {
     grpc::ClientContext context;  // no deadline: a large recording on a slow line takes as long as it takes
+    connection_.Authorize(context);
     v1::Upload answer;
     const auto stream = connection_.sequences().WriteUpload(&context, &answer);
     const int64_t chunk_limit = connection_.server().limits().max_chunk_bytes();
