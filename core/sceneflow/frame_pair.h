@@ -3,9 +3,11 @@
 #define DEPTHTWEEN_CORE_SCENEFLOW_FRAME_PAIR_H_
 
 #include <array>
+#include <functional>
 #include <stop_token>
 
 #include "core/base/image.h"
+#include "core/base/status.h"
 #include "core/fill/depth_noise.h"
 #include "core/sceneflow/pixel_rays.h"
 #include "core/sceneflow/scene_flow.h"
@@ -26,6 +28,13 @@ struct FramePair {
   PreparedFrame from, to;
   int threads = 1;
   std::stop_token stop = {};
+  std::function<void()> on_item = nullptr;  // may be empty
+
+  // For between two steps of a method, on its thread: tells that one is done. Cancelled once `stop` fires.
+  absl::Status StepDone() const {
+    if (on_item) on_item();
+    return stop.stop_requested() ? absl::CancelledError("stopped on request") : absl::OkStatus();
+  }
 };
 
 // No point comes nearer in one step than this share of its depth: keeps wild estimates in front of the camera.

@@ -34,7 +34,7 @@ class Estimator {
     Vote();
     hidden_ = Image<uint8_t>(width_, height_);
     for (int round = 0; round < kOuterRounds; ++round) {
-      if (pair_.stop.stop_requested()) return absl::CancelledError("stopped on request");
+      RETURN_IF_ERROR(pair_.StepDone());
       FitLayers();
       if (round > 0) Reassign();
       Refine();

@@ -204,7 +204,7 @@ absl::StatusOr<RangeField> RangeFlowCoarseToFine(const FramePair& pair, const st
                                                  int finest) {
   RangeField field;
   for (int i = static_cast<int>(levels.size()) - 1; i >= 0; --i) {
-    if (pair.stop.stop_requested()) return absl::CancelledError("stopped on request");
+    RETURN_IF_ERROR(pair.StepDone());
     const PyramidLevel& level = levels[i];
     const int width = level.rays->width(), height = level.rays->height();
     if (field.u.empty())

@@ -44,11 +44,11 @@ class Estimator {
     to_range_ = RangeAround(pair_.to.depth_m);
     ASSIGN_OR_RETURN(const Image<PointMatch> range_matches, FindRangeMatches(pair_));
     for (int round = 0; round < kRounds; ++round) {
-      if (pair_.stop.stop_requested()) return absl::CancelledError("stopped on request");
+      RETURN_IF_ERROR(pair_.StepDone());
       ASSIGN_OR_RETURN(flow_, FindFlowMatches(pair_, labels_, start_));
       const std::array<const Image<PointMatch>*, 2> proposals = {&range_matches, &flow_.found_again};
       windows_ = FitSurfaceWindows(pair_, labels_, from_image_, to_image_, flow_.matches, proposals);
-      if (pair_.stop.stop_requested()) return absl::CancelledError("stopped on request");
+      RETURN_IF_ERROR(pair_.StepDone());
       Choose();
       for (const int stride : {12, 5, 2, 1}) AskNeighbours(stride);
       if (round + 1 < kRounds) RestartFlow();

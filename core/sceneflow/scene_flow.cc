@@ -130,8 +130,9 @@ absl::StatusOr<SceneFlow> EstimateSceneFlow(const Camera& camera, const RgbdView
                        .from = Prepare(from, noise, options.threads),
                        .to = Prepare(to, noise, options.threads),
                        .threads = options.threads,
-                       .stop = options.stop};
-  if (options.stop.stop_requested()) return absl::CancelledError("stopped on request");
+                       .stop = options.stop,
+                       .on_item = options.on_item};
+  RETURN_IF_ERROR(pair.StepDone());
   return Find(options.method)->run(pair);
 }
 

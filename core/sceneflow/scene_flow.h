@@ -6,6 +6,7 @@
 #define DEPTHTWEEN_CORE_SCENEFLOW_SCENE_FLOW_H_
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -38,6 +39,8 @@ struct SceneFlowOptions {
   std::optional<Camera> to_camera = {};
   int threads = 1;  // does not change the result. >= 1
   std::stop_token stop = {};
+  // Called between the steps of the method, from the calling thread. May be empty.
+  std::function<void()> on_item = nullptr;
 
   // InvalidArgument with field, value and rule.
   absl::Status Validate() const;

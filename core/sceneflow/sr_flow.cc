@@ -249,10 +249,10 @@ absl::StatusOr<SceneFlow> SemiRigidFlow(const FramePair& pair) {
   const std::vector<PyramidLevel> levels = BuildPyramid(pair);
   RigidMotion global = Level(levels.back(), pair).InPlace();
   for (auto level = levels.rbegin(); level != levels.rend(); ++level) global = Level(*level, pair).Align(global);
-  if (pair.stop.stop_requested()) return absl::CancelledError("stopped on request");
+  RETURN_IF_ERROR(pair.StepDone());
   Twists twists(levels.back().rays->width(), levels.back().rays->height());
   for (auto level = levels.rbegin(); level != levels.rend(); ++level) {
-    if (pair.stop.stop_requested()) return absl::CancelledError("stopped on request");
+    RETURN_IF_ERROR(pair.StepDone());
     const int width = level->rays->width(), height = level->rays->height();
     // A pixel of the finer level is half as wide.
     if (level != levels.rbegin())

@@ -38,7 +38,7 @@ std::vector<Batch> PlanBatches(const Sequence& keys, const std::vector<int>& fra
 absl::StatusOr<std::vector<DepthResult>> RunMethod(const ScoredMethod& method, const FrameSource& keys,
                                                    const Batch& batch, const ScoringOptions& options) {
   std::vector<DepthResult> results(batch.frames.size());
-  const RunContext context{.threads = options.threads, .stop = options.stop};
+  const RunContext context{.threads = options.threads, .stop = options.stop, .on_item = options.on_item};
   const auto keep = [&](DepthResult result) {
     const auto found = std::lower_bound(batch.frames.begin(), batch.frames.end(), result.color_index);
     if (found == batch.frames.end() || *found != result.color_index) return absl::OkStatus();
@@ -113,6 +113,7 @@ absl::StatusOr<ClipScores> ScoreMethods(const SequenceFolder& reference, ClipTru
     }
     for (size_t f = 0; f < batch.frames.size(); ++f) {
       const int color = batch.frames[f];
+      if (options.on_item) options.on_item();
       ASSIGN_OR_RETURN(const FrameTruth frame, truth.Read(color, options.stop));
       std::vector<MethodFrame> estimates;
       for (size_t m = 0; m < methods.size(); ++m) {

@@ -38,6 +38,8 @@ struct ScoringOptions {
   std::optional<std::vector<std::vector<int>>> floor_runs = std::nullopt;
   // Called before each scored frame, from the calling thread. May be empty.
   std::function<void(int done, int total)> on_frame = nullptr;
+  // Called whenever some of the work on a frame is done, from any thread. May be empty.
+  std::function<void()> on_item = nullptr;
   // Called with each scored frame and what the methods, in their order, say of it; valid during the call. May be empty.
   std::function<void(const TruthFrame& truth, std::span<const MethodFrame> estimates)> on_scored = nullptr;
 };

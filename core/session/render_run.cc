@@ -162,6 +162,7 @@ class WindowRenderer : public Renderer {
       ASSIGN_OR_RETURN(std::vector<Image<Rgb8>> pictures,
                        RenderOne(frame, window.Find(frame)->view(), neighbors.frames, threads, part));
       RETURN_IF_ERROR(sink(frame, std::move(pictures)));
+      if (input_.on_item) input_.on_item();
     }
     part.seconds = std::chrono::duration<double>(Clock::now() - start).count();
     return part;
@@ -272,6 +273,7 @@ class DepthOfFieldRenderer : public WindowRenderer {
       point = FollowFocus(point, depth_m, step > 0 ? motion.next : motion.back, next, next_depth_m);
       followed_[point.frame] = point;
       depth_m = std::move(next_depth_m);
+      if (input_.on_item) input_.on_item();
     }
     return absl::OkStatus();
   }
@@ -463,7 +465,7 @@ absl::Status PictureVideos::Finish() {
 }
 
 absl::Status AssembleVideos(const std::string& dir, const RenderOptions& options, const RenderPlan& plan,
-                            const Sequence& sequence, std::stop_token stop) {
+                            const Sequence& sequence, std::stop_token stop, const std::function<void(int)>& on_frame) {
   if (plan.videos.empty()) return absl::OkStatus();
   ASSIGN_OR_RETURN(const PictureFolders folders, PictureFolders::Create(dir, options, plan));
   std::vector<std::string> files;
@@ -476,6 +478,7 @@ absl::Status AssembleVideos(const std::string& dir, const RenderOptions& options
       ASSIGN_OR_RETURN(pictures.emplace_back(), ReadColor(folders.PictureFile(i, sequence.color[frame].Stem())));
     }
     RETURN_IF_ERROR(videos.Write(static_cast<int>(frame), pictures));
+    if (on_frame) on_frame(static_cast<int>(frame));
   }
   return videos.Finish();
 }

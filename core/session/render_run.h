@@ -41,6 +41,8 @@ struct RenderInput {
   // Asked of a frame whose depth, or motion, is not in the result: OK if it was never made, DataLoss if it was. Empty:
   // nobody knows. May be called concurrently.
   std::function<absl::Status(int frame, bool motion)> was_made = nullptr;
+  // Called when a frame was rendered, or the focus followed to one, from the thread that runs. May be empty.
+  std::function<void()> on_item = nullptr;
 };
 
 // The error of what was made and is gone from a result: "depth", "motion" or "color" of a frame. DataLoss.
@@ -125,9 +127,11 @@ class PictureVideos {
   std::vector<VideoWriter> videos_;  // none before the first frame: it tells their size
 };
 
-// Makes the videos that `plan` names in `dir` from the pictures there.
+// Makes the videos that `plan` names in `dir` from the pictures there. `on_frame` is called after each frame; may be
+// empty.
 absl::Status AssembleVideos(const std::string& dir, const RenderOptions& options, const RenderPlan& plan,
-                            const Sequence& sequence, std::stop_token stop);
+                            const Sequence& sequence, std::stop_token stop,
+                            const std::function<void(int frame)>& on_frame = nullptr);
 
 // Whether `dir` is a recording that has yet to be upsampled; else it is taken for a result.
 bool IsRecording(const std::string& dir);

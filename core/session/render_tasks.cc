@@ -40,9 +40,10 @@ absl::Status WasMade(const std::string& result, const Sequence& sequence, const 
 }
 
 // Borrows its arguments.
-RenderInput GrowingResult(const ClipSource& source, const std::string& result, const ClipPlan& clip) {
+RenderInput GrowingResult(const ClipSource& source, const std::string& result, const ClipPlan& clip, const Task& task) {
   return {&source, result, clip.constants,
-          [&](int frame, bool motion) { return WasMade(result, source.sequence(), clip, frame, motion); }};
+          [&](int frame, bool motion) { return WasMade(result, source.sequence(), clip, frame, motion); },
+          [&] { task.alive(); }};
 }
 
 absl::Status RenderOneFrame(const Task& task) {
@@ -52,7 +53,7 @@ absl::Status RenderOneFrame(const Task& task) {
   ASSIGN_OR_RETURN(const RenderOptions options, ParseRender(input.render, "render"));
   const ClipSource source(*input.recording, clip.clock, input.options.key_every);
   ASSIGN_OR_RETURN(const auto renderer,
-                   Renderer::Create(options, GrowingResult(source, arguments.result, clip), "render"));
+                   Renderer::Create(options, GrowingResult(source, arguments.result, clip, task), "render"));
   std::vector<Image<Rgb8>> rendered;
   const auto sink = [&](int, std::vector<Image<Rgb8>> pictures) {
     rendered = std::move(pictures);
@@ -81,7 +82,7 @@ absl::Status RenderTask(const Task& task) {
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(*options, sequence, path));
   ASSIGN_OR_RETURN(const auto renderer,
-                   Renderer::Create(*options, GrowingResult(source, arguments.result, clip), path));
+                   Renderer::Create(*options, GrowingResult(source, arguments.result, clip, task), path));
   ASSIGN_OR_RETURN(const PictureFolders folders, PictureFolders::Create(arguments.out, *options, plan));
   // Where the pieces beside this one left the focus, if they are there.
   const auto read_part = [&](int interval) -> std::optional<RenderPart> {
@@ -132,9 +133,10 @@ absl::StatusOr<json> AssembleRenders(const Task& task, const TaskInput& input, c
     for (const Interval& interval : clip.intervals) {
       ASSIGN_OR_RETURN(const std::string text, ReadFile(JoinPath(dir, RenderReportName(options.name, interval.index))));
       ASSIGN_OR_RETURN(parts.emplace_back(), ParseRenderPart(text));
+      task.alive();
     }
     task.progress({{"stage", "assemble " + options.name}, {"interval", 0}});
-    RETURN_IF_ERROR(AssembleVideos(dir, options, plan, source.sequence(), task.stop));
+    RETURN_IF_ERROR(AssembleVideos(dir, options, plan, source.sequence(), task.stop, [&](int) { task.alive(); }));
     ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(options, {&source, dir, clip.constants}, RenderPath(i)));
     json report = renderer->Report(parts);
     double seconds = 0;

@@ -144,14 +144,16 @@ std::vector<int> PairsToPicture(int count) {
 }
 
 absl::StatusOr<ComputedPair> ComputePair(const SequenceFolder& recording, const FramePair& pair,
-                                         const SceneFlowOrder& order, std::stop_token stop, const std::string& dir) {
+                                         const SceneFlowOrder& order, std::stop_token stop, const std::string& dir,
+                                         const std::function<void()>& on_item) {
   const Sequence& sequence = recording.sequence();
   const FrameRef &first = sequence.color[pair.from], &second = sequence.color[pair.to];
   ASSIGN_OR_RETURN(Image<Rgb8> from, recording.Color(pair.from));
   ASSIGN_OR_RETURN(const Image<Rgb8> to, recording.Color(pair.to));
   ASSIGN_OR_RETURN(const Image<float> from_m, recording.Depth(pair.from_depth));
   ASSIGN_OR_RETURN(const Image<float> to_m, recording.Depth(pair.to_depth));
-  const SceneFlowOptions options{.method = order.method, .threads = order.threads, .stop = std::move(stop)};
+  const SceneFlowOptions options{
+      .method = order.method, .threads = order.threads, .stop = std::move(stop), .on_item = on_item};
   const auto start = std::chrono::steady_clock::now();
   absl::StatusOr<SceneFlow> flow = EstimateSceneFlow(sequence.camera, {from, from_m}, {to, to_m}, options);
   if (!flow.ok()) return WithContext(flow.status(), absl::StrCat(first.path, " to ", second.path));

@@ -49,13 +49,15 @@ struct PicturedPair {
 // Some pairs out of `count`, spread over the clip, ascending.
 std::vector<int> PairsToPicture(int count);
 
-// Computes a pair and writes its files under `dir`, which MakeSceneFlowFolders has made. Errors name the pair.
+// Computes a pair and writes its files under `dir`, which MakeSceneFlowFolders has made. `on_item` is as in
+// SceneFlowOptions. Errors name the pair.
 struct ComputedPair {
   PairSummary summary;
   PicturedPair picture;
 };
 absl::StatusOr<ComputedPair> ComputePair(const SequenceFolder& recording, const FramePair& pair,
-                                         const SceneFlowOrder& order, std::stop_token stop, const std::string& dir);
+                                         const SceneFlowOrder& order, std::stop_token stop, const std::string& dir,
+                                         const std::function<void()>& on_item = nullptr);
 // The picture of a pair whose NPZ is in `dir`. DataLoss when that is not what ComputePair wrote.
 absl::StatusOr<PicturedPair> ReadPicture(const SequenceFolder& recording, const FramePair& pair,
                                          const std::string& dir);

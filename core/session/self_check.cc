@@ -55,7 +55,7 @@ std::string Millimetres(double value) { return absl::StrFormat("%.1f", value); }
 
 // All but the summary.
 absl::StatusOr<SelfCheck> Measure(const SequenceFolder& recording, const UpsampleOptions& options, std::stop_token stop,
-                                  const std::function<void(int, int)>& on_map) {
+                                  const std::function<void(int, int)>& on_map, const std::function<void()>& on_item) {
   const auto start = std::chrono::steady_clock::now();
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> ours, MakeUpsampler(options));
   const int keys = (static_cast<int>(recording.sequence().depth.size()) - 1) / options.key_every + 1;
@@ -64,7 +64,9 @@ absl::StatusOr<SelfCheck> Measure(const SequenceFolder& recording, const Upsampl
         .reason = absl::StrFormat("%d depth frames are input, and it takes 3 to hold one out between two", keys)};
   UpsampleOptions halved = options;
   halved.key_every = 2 * options.key_every;
-  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(recording, halved, stop));
+  ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(recording, halved, stop, [&](int, int) {
+                     if (on_item) on_item();
+                   }));
   absl::StatusOr<ClipTruth> truth =
       ClipTruth::Open(recording, plan.clock, halved.key_every, ClipTruth::Kind::kLeftOutDepth);
   if (absl::IsFailedPrecondition(truth.status()))
@@ -99,7 +101,8 @@ absl::StatusOr<SelfCheck> Measure(const SequenceFolder& recording, const Upsampl
                                                           .threads = options.threads,
                                                           .stop = stop,
                                                           .floor_runs = std::move(floor_runs),
-                                                          .on_frame = on_map}));
+                                                          .on_frame = on_map,
+                                                          .on_item = on_item}));
   if (scores.score.common_pixels == 0)
     return SelfCheck{.reason = "no pixel of the held-out depth frames is known and answered by all methods"};
   SelfCheck check{.maps_checked = static_cast<int>(checked.size()),
@@ -117,8 +120,9 @@ absl::StatusOr<SelfCheck> Measure(const SequenceFolder& recording, const Upsampl
 }  // namespace
 
 absl::StatusOr<SelfCheck> CheckSelf(const SequenceFolder& recording, const UpsampleOptions& options,
-                                    std::stop_token stop, const std::function<void(int, int)>& on_map) {
-  ASSIGN_OR_RETURN(SelfCheck check, Measure(recording, options, std::move(stop), on_map));
+                                    std::stop_token stop, const std::function<void(int, int)>& on_map,
+                                    const std::function<void()>& on_item) {
+  ASSIGN_OR_RETURN(SelfCheck check, Measure(recording, options, std::move(stop), on_map, on_item));
   check.summary = Summary(check);
   return check;
 }

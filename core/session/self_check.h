@@ -23,11 +23,13 @@ inline constexpr int kMaxMapsChecked = 12;
 inline constexpr int kWorstFramesTold = 5;
 
 // `options.self_check` does not matter; `options.threads` does not change the numbers. `on_map` is called before each
-// map, from the calling thread; may be empty. A clip that cannot be checked is a SelfCheck with a reason.
+// map, from the calling thread; `on_item` whenever some of the work is done, from any thread; both may be empty. A clip
+// that cannot be checked is a SelfCheck with a reason.
 // Errors: InvalidArgument for options; Cancelled when `stop` fires; else what reading files returns.
 absl::StatusOr<SelfCheck> CheckSelf(const SequenceFolder& recording, const UpsampleOptions& options,
                                     std::stop_token stop = {},
-                                    const std::function<void(int done, int total)>& on_map = nullptr);
+                                    const std::function<void(int done, int total)>& on_map = nullptr,
+                                    const std::function<void()>& on_item = nullptr);
 
 // What it comes to, in one sentence for people: SelfCheck::summary, from the other members.
 std::string Summary(const SelfCheck& check);

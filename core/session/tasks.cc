@@ -35,6 +35,7 @@ class TaskObserver : public RunObserver {
   void OnStage(int interval, std::string_view stage) override {
     task_.progress({{"stage", stage}, {"interval", interval}});
   }
+  void OnItem() override { task_.alive(); }
   void OnFrame(int interval, int frame) override { task_.progress({{"frame", frame}, {"interval", interval}}); }
   absl::Status OnIntervalDone(const IntervalReport& report) override {
     RETURN_IF_ERROR(
@@ -56,7 +57,7 @@ absl::Status PairsTask(const Task& task, const TaskInput& input) {
   for (int i = arguments.first; i < arguments.first + arguments.count; ++i) {
     task.progress({{"stage", "scene flow"}, {"interval", i}});
     ASSIGN_OR_RETURN(const ComputedPair computed,
-                     ComputePair(*input.recording, pairs[i], *input.scene_flow, task.stop, arguments.out));
+                     ComputePair(*input.recording, pairs[i], *input.scene_flow, task.stop, arguments.out, task.alive));
     RETURN_IF_ERROR(WriteFileDurably(JoinPath(arguments.out, IntervalReportName(i)), Dump(ToJson(computed.summary))));
     task.progress({{"interval_done", i}, {"seconds", computed.summary.seconds}, {"frames", 1}});
   }
@@ -70,10 +71,12 @@ absl::Status AssemblePairs(const Task& task, const TaskInput& input) {
   for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {
     ASSIGN_OR_RETURN(const std::string text, ReadFile(JoinPath(out, IntervalReportName(i))));
     ASSIGN_OR_RETURN(summaries.emplace_back(), ParsePairSummary(text));
+    task.alive();
   }
   std::vector<PicturedPair> pictured;
   for (const int i : PairsToPicture(static_cast<int>(pairs.size()))) {
     ASSIGN_OR_RETURN(pictured.emplace_back(), ReadPicture(*input.recording, pairs[i], out));
+    task.alive();
   }
   return FinishSceneFlow(*input.scene_flow, out, summaries, pictured).status();
 }
@@ -121,9 +124,12 @@ absl::Status PrepareTask(const Task& task) {
 absl::Status SelfCheckTask(const Task& task) {
   ASSIGN_OR_RETURN(const TaskInput input, OpenInput(task.arguments));
   ASSIGN_OR_RETURN(const SelfCheck check,
-                   CheckSelf(*input.recording, input.options, task.stop, [&](int done, int total) {
-                     task.progress({{"stage", absl::StrFormat("self-check, map %d of %d", done + 1, total)}});
-                   }));
+                   CheckSelf(
+                       *input.recording, input.options, task.stop,
+                       [&](int done, int total) {
+                         task.progress({{"stage", absl::StrFormat("self-check, map %d of %d", done + 1, total)}});
+                       },
+                       task.alive));
   return WriteFileDurably(task.arguments.out, Dump(ToJson(check)));
 }
 
@@ -164,6 +170,7 @@ absl::Status AssembleTask(const Task& task) {
     if (!FileExists(path)) continue;  // AssembleResult names what is missing
     ASSIGN_OR_RETURN(const std::string text, ReadFile(path));
     ASSIGN_OR_RETURN(reports.emplace_back(), ParseIntervalReport(text));
+    task.alive();
   }
   json self_check;
   if (!arguments.self_check.empty()) {

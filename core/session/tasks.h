@@ -18,11 +18,13 @@ struct TaskArguments {
   bool keep_motion = false;
 };
 
-// Threads: `progress` is called from several threads at once.
+// A task that tells of nothing for long is taken for one that hangs. So every task has one of the two said at each
+// frame or stage. Threads: both are called from several threads at once.
 struct Task {
   const TaskArguments& arguments;
   std::stop_token stop;
   std::function<void(const nlohmann::json& line)> progress;
+  std::function<void()> alive;  // some work was done that is not worth a line; cheap
 };
 
 // Decodes every frame; says what is wrong, and what the recording holds.

@@ -145,7 +145,8 @@ absl::StatusOr<std::vector<IntervalReport>> RunIntervals(const Upsampler& upsamp
     const RunContext context{.threads = options.threads,
                              .stop = stop,
                              .want_motion = options.NeedsMotion(),
-                             .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); }};
+                             .on_stage = [&](std::string_view stage) { observer.OnStage(i, stage); },
+                             .on_item = [&] { observer.OnItem(); }};
     IntervalReport report{.index = i};
     const auto sink = [&](DepthResult result) -> absl::Status {
       if (stop.stop_requested()) return absl::CancelledError("stopped");

@@ -61,11 +61,13 @@ struct IntervalReport {
 nlohmann::json ToJson(const IntervalReport& report);
 absl::StatusOr<IntervalReport> ParseIntervalReport(std::string_view json);
 
-// Is told how a run gets on, on the thread that runs.
+// Is told how a run gets on, on the thread that runs unless said otherwise.
 class RunObserver {
  public:
   virtual ~RunObserver() = default;
   virtual void OnStage(int interval, std::string_view stage) = 0;
+  // Some more of the stage is done. From any thread.
+  virtual void OnItem() {}
   // The frame's files are on the disk.
   virtual void OnFrame(int interval, int frame) = 0;
   // An error ends the run and is returned by it.

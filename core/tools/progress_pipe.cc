@@ -14,6 +14,7 @@ namespace depthtween::tools {
 
 void ProgressPipe::Send(const nlohmann::json& line) {
   if (!connected()) return;
+  last_sent_ = Now();
   // File names may hold any bytes; JSON may not.
   const std::string text = line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
   // A pipe takes up to PIPE_BUF (4096) bytes whole; only a long error message can need a second write, and it is the
@@ -24,6 +25,13 @@ void ProgressPipe::Send(const nlohmann::json& line) {
     if (count < 0) return on_reader_gone_();
     sent += static_cast<size_t>(count);
   }
+}
+
+void ProgressPipe::SendAlive() {
+  int64_t last = last_sent_;
+  const int64_t now = Now();
+  // Of several threads one says it.
+  if (now > last && last_sent_.compare_exchange_strong(last, now)) Send({{"alive", now}});
 }
 
 void ProgressPipe::SendError(const absl::Status& status) {

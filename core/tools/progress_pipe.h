@@ -4,12 +4,16 @@
 //   {"frame": 17, "interval": 3}                             its files are on the disk
 //   {"interval_done": 3, "seconds": 0.61, "frames": 8}       so is the interval's report
 //   {"checked": 12, "of": 66}                                files of a sequence
+//   {"alive": 17}                                            some other work was done, of seconds since the start
 //   {"error": {"code": "RESOURCE_EXHAUSTED", "message": ""}} the last line of a task that failed; has a "field" when
 //   one
 //                                                            of the options is to blame
 #ifndef DEPTHTWEEN_CORE_TOOLS_PROGRESS_PIPE_H_
 #define DEPTHTWEEN_CORE_TOOLS_PROGRESS_PIPE_H_
 
+#include <atomic>
+#include <chrono>
+#include <cstdint>
 #include <functional>
 #include <nlohmann/json_fwd.hpp>
 
@@ -26,11 +30,20 @@ class ProgressPipe {
 
   bool connected() const { return fd_ >= 0; }
   void Send(const nlohmann::json& line);
+  // Says so, unless something was sent less than a second ago.
+  void SendAlive();
   void SendError(const absl::Status& status);
 
  private:
+  // Seconds since the start.
+  int64_t Now() const {
+    return std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now() - start_).count();
+  }
+
   const int fd_;
   const std::function<void()> on_reader_gone_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  std::atomic<int64_t> last_sent_{0};  // Now() of the last line
 };
 
 }  // namespace depthtween::tools

@@ -35,10 +35,14 @@ int RunTask(const TaskArguments& arguments, int progress_fd, absl::Status (*run)
   ProgressPipe progress(progress_fd, [&] { signals.RequestStop(); });
   absl::Status status;
   try {
-    status = run({arguments, signals.token(), [&](const nlohmann::json& line) {
-                    progress.Send(line);
-                    if (line.contains("interval_done")) ReturnFreedMemory();
-                  }});
+    status = run({.arguments = arguments,
+                  .stop = signals.token(),
+                  .progress =
+                      [&](const nlohmann::json& line) {
+                        progress.Send(line);
+                        if (line.contains("interval_done")) ReturnFreedMemory();
+                      },
+                  .alive = [&] { progress.SendAlive(); }});
   } catch (const std::bad_alloc&) {
     status = absl::ResourceExhaustedError("the task ran out of memory");
   } catch (const std::exception& error) {

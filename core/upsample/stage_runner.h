@@ -57,6 +57,7 @@ class StageRunner {
     ParallelFor(count, context_.threads, [&](int i) {
       statuses[i] = CheckStop();
       if (statuses[i].ok()) statuses[i] = body(i);
+      if (context_.on_item) context_.on_item();
     });
     for (absl::Status& status : statuses) RETURN_IF_ERROR(std::move(status));
     return absl::OkStatus();

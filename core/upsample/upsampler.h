@@ -48,6 +48,8 @@ struct RunContext {
   bool want_motion = false;
   // Called at natural seams from the calling thread, with the name of the stage about to run. May be empty.
   std::function<void(std::string_view stage)> on_stage = nullptr;
+  // Called within a stage when one of the items that it is made of is done, from any thread. May be empty.
+  std::function<void()> on_item = nullptr;
 };
 
 // What a Run confesses.

@@ -344,5 +344,16 @@ TEST(SceneFlow, RefusesWhatItCannotUse) {
             absl::StatusCode::kCancelled);
 }
 
+TEST(SceneFlow, EveryMethodTellsOfItsSteps) {
+  const World world = Render({{3.0, 3.0, 1, At(0, 0, 2.0), At(0, 0, 2.0)}});
+  for (const std::string& method : SceneFlowMethods()) {
+    int steps = 0;
+    ASSERT_TRUE(
+        EstimateSceneFlow(TestCamera(), world.From(), world.To(), {.method = method, .on_item = [&] { ++steps; }})
+            .ok());
+    EXPECT_GE(steps, 2) << method;
+  }
+}
+
 }  // namespace
 }  // namespace depthtween

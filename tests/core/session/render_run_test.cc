@@ -224,7 +224,12 @@ TEST_F(RenderRun, VideosAreMadeOfTheStoredPictures) {
     eyes.emplace_back(kFrameWidth, kFrameHeight, Rgb8{4, 5, 6});
     ASSERT_EQ(folders->Write(frame.Stem(), eyes), absl::OkStatus());
   }
-  ASSERT_EQ(AssembleVideos(out.path(), *options, *plan, source_->sequence(), {}), absl::OkStatus());
+  std::vector<int> told;
+  ASSERT_EQ(
+      AssembleVideos(out.path(), *options, *plan, source_->sequence(), {}, [&](int frame) { told.push_back(frame); }),
+      absl::OkStatus());
+  ASSERT_EQ(told.size(), source_->sequence().color.size());
+  EXPECT_EQ(told.back(), static_cast<int>(told.size()) - 1);
   EXPECT_TRUE(FileExists(out / "stereo_left.mkv"));
   EXPECT_TRUE(FileExists(out / "stereo_right.mkv"));
   std::filesystem::remove(out / "stereo-left/103.png");

@@ -38,12 +38,14 @@ std::unique_ptr<MemorySource> TinySource() {
 class Recorder : public RunObserver {
  public:
   void OnStage(int, std::string_view) override {}
+  void OnItem() override { ++items; }
   void OnFrame(int, int frame) override { frames.push_back(frame); }
   absl::Status OnIntervalDone(const IntervalReport& report) override {
     intervals.push_back(report.index);
     return absl::OkStatus();
   }
   std::vector<int> frames, intervals;
+  std::atomic<int> items{0};
 };
 
 // Every word of the list must be known to what computes: a new one that is not would fail for its first user.
@@ -161,6 +163,20 @@ TEST(RunIntervals, TellsOfEveryFrameInOrder) {
   EXPECT_EQ(result->report().at("sequence"), "/recording");
   // Linear in time between 1.4 m at frame 4 and 1.8 m at frame 8.
   EXPECT_NEAR(result->Depth(6).value()(3, 3), 1.6F, 0.0006F);
+}
+
+// The pipeline's stages go over the 7 frames of the window between two keys one by one.
+TEST(RunIntervals, TellsOfWorkWithinAStage) {
+  const auto source = TinySource();
+  const TemporaryFolder out;
+  const auto plan = PrepareClip(*source, {});
+  const auto writer = ResultWriter::Create(out.path(), source->sequence());
+  const auto upsampler = MakeUpsampler({.preset = "fast"});
+  ASSERT_TRUE(plan.ok() && writer.ok() && upsampler.ok());
+  Recorder recorder;
+  const auto reports = RunIntervals(**upsampler, *source, *plan, 0, 1, {.preset = "fast"}, {}, *writer, recorder);
+  ASSERT_TRUE(reports.ok()) << reports.status();
+  EXPECT_GE(recorder.items, reports->front().summary.frames);
 }
 
 TEST(RunIntervals, NamesIntervalsThatAreNotThere) {
