@@ -231,6 +231,21 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
+  command
+      ->add_option_function<double>(
+          "--task-stall-seconds", [&options](double seconds) { options.jobs.task_stall = absl::Seconds(seconds); },
+          "End a task that tells of no progress for so long, and try it again")
+      ->check(CLI::Range(1.0, 1e9))
+      ->type_name("SECONDS")
+      ->default_str(absl::StrCat(absl::ToDoubleSeconds(options.jobs.task_stall)))
+      ->group(limits);
+  command
+      ->add_option("--task-cpu-seconds", options.jobs.task_cpu_seconds,
+                   "Processor time of one task, over all its threads; 0: no limit")
+      ->check(AtLeast(0))
+      ->type_name("SECONDS")
+      ->capture_default_str()
+      ->group(limits);
   const auto count = [&](const char* flag, int& value, const char* help) {
     command->add_option(flag, value, help)->check(AtLeast(1))->type_name("N")->capture_default_str()->group(limits);
   };

@@ -35,6 +35,15 @@ namespace {
 constexpr int kProgressFd = 3;
 constexpr size_t kMaxLineBytes = 64 << 10;
 constexpr int64_t kErrorOutputBytes = 4 << 10;
+// Between SIGXCPU and SIGKILL when the processor time is used up: nothing of ours catches the first.
+constexpr int64_t kCpuGraceSeconds = 5;
+
+// Of a clock that nobody sets, so that a correction of the time of day ends no child. Of no use as a date.
+absl::Time MonotonicNow() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return absl::TimeFromTimespec(now);
+}
 
 class Fd {
  public:
@@ -61,12 +70,11 @@ struct Launch {
   std::vector<char*> arguments;
   int progress, output, error_output;
   pid_t parent;
-  int64_t memory_bytes, file_bytes;
+  int64_t memory_bytes, file_bytes, cpu_seconds;
 };
 
-void Limit(__rlimit_resource resource, int64_t bytes) {
-  const auto value = static_cast<rlim_t>(bytes);
-  const rlimit limit{value, value};
+void Limit(__rlimit_resource resource, int64_t soft, int64_t hard) {
+  const rlimit limit{static_cast<rlim_t>(soft), static_cast<rlim_t>(hard)};
   setrlimit(resource, &limit);
 }
 
@@ -89,11 +97,11 @@ void Limit(__rlimit_resource resource, int64_t bytes) {
   // Sockets and the data directory's lock stay with the server.
   syscall(SYS_close_range, kProgressFd + 1, ~0U, 0);
 
-  const rlimit no_core{0, 0};
-  setrlimit(RLIMIT_CORE, &no_core);
-  if (launch.memory_bytes > 0) Limit(RLIMIT_DATA, launch.memory_bytes);
+  Limit(RLIMIT_CORE, 0, 0);
+  if (launch.memory_bytes > 0) Limit(RLIMIT_DATA, launch.memory_bytes, launch.memory_bytes);
+  if (launch.cpu_seconds > 0) Limit(RLIMIT_CPU, launch.cpu_seconds, launch.cpu_seconds + kCpuGraceSeconds);
   if (launch.file_bytes > 0) {
-    Limit(RLIMIT_FSIZE, launch.file_bytes);
+    Limit(RLIMIT_FSIZE, launch.file_bytes, launch.file_bytes);
     signal(SIGXFSZ, SIG_IGN);  // so that a write beyond fails with EFBIG, which the child can report
   }
   // When memory runs out, a child is to go before the server.
@@ -189,7 +197,8 @@ absl::StatusOr<Child> StartChild(const ChildSpec& spec) {
                 .error_output = error_output.get(),
                 .parent = getpid(),
                 .memory_bytes = spec.memory_bytes,
-                .file_bytes = spec.file_bytes};
+                .file_bytes = spec.file_bytes,
+                .cpu_seconds = spec.cpu_seconds};
   for (const std::string& argument : spec.arguments) launch.arguments.push_back(const_cast<char*>(argument.c_str()));
   launch.arguments.push_back(nullptr);
   // dup2 in the child must not hit a descriptor that it still needs.
@@ -235,37 +244,43 @@ class Supervision {
                                  {outcome_.stopped ? -1 : stop_event_.get(), POLLIN, 0},
                                  {pipe_open_ ? child_.progress.get() : -1, POLLIN, 0}}};
     if (poll(waits.data(), waits.size(), TimeoutMs()) < 0 && errno != EINTR) return false;
-    if (!outcome_.stopped && absl::Now() >= time_over_) {
-      outcome_.timed_out = true;
+    const bool running = waits[0].revents == 0;
+    // What it has said is heard first: this thread may have been away for long, at work on an earlier line.
+    if (waits[2].revents != 0 || !running) pipe_open_ = ReadLines() && pipe_open_;
+    if (waits[1].revents != 0) BeginStop();
+    const absl::Time now = MonotonicNow();
+    if (running && !outcome_.stopped && now >= std::min(time_over_, stall_at_)) {
+      (now >= time_over_ ? outcome_.timed_out : outcome_.stalled) = true;
       BeginStop();
     }
-    if (absl::Now() >= kill_at_) {
+    if (now >= kill_at_) {
       kill(-child_.id, SIGKILL);
       kill_at_ = absl::InfiniteFuture();
     }
-    if (waits[1].revents != 0) BeginStop();
-    const bool running = waits[0].revents == 0;
-    if (waits[2].revents != 0 || !running) pipe_open_ = ReadLines() && pipe_open_;
     return running;
   }
 
   int TimeoutMs() const {
-    const absl::Time next = outcome_.stopped ? kill_at_ : time_over_;
+    const absl::Time next = outcome_.stopped ? kill_at_ : std::min(time_over_, stall_at_);
     if (next == absl::InfiniteFuture()) return -1;
-    const int64_t left_ms = absl::ToInt64Milliseconds(next - absl::Now()) + 1;
+    const int64_t left_ms = absl::ToInt64Milliseconds(next - MonotonicNow()) + 1;
     return static_cast<int>(std::clamp<int64_t>(left_ms, 0, std::numeric_limits<int>::max()));
   }
 
   void BeginStop() {
     if (std::exchange(outcome_.stopped, true)) return;
     kill(-child_.id, SIGTERM);
-    kill_at_ = absl::Now() + spec_.grace;
+    kill_at_ = MonotonicNow() + spec_.grace;
   }
 
   bool ReadLines() {
-    return reader_.ReadFrom(child_.progress.get(), [this](std::string_view line) {
+    bool said = false;
+    const bool open = reader_.ReadFrom(child_.progress.get(), [&](std::string_view line) {
+      said = true;
       if (!on_line_(line)) BeginStop();
     });
+    if (said) stall_at_ = MonotonicNow() + spec_.stall_limit;
+    return open;
   }
 
   const ChildSpec& spec_;
@@ -274,7 +289,8 @@ class Supervision {
   const std::function<bool(std::string_view line)>& on_line_;
   ChildOutcome& outcome_;
   absl::Time kill_at_ = absl::InfiniteFuture();
-  const absl::Time time_over_ = absl::Now() + spec_.time_limit;
+  const absl::Time time_over_ = MonotonicNow() + spec_.time_limit;
+  absl::Time stall_at_ = MonotonicNow() + spec_.stall_limit;
   LineReader reader_;
   bool pipe_open_ = true;
 };

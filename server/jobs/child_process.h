@@ -19,13 +19,16 @@ struct ChildSpec {
   std::string folder;                  // of this attempt: gets the files "stdout", "stderr" and "child" (who it is)
   int64_t memory_bytes = 0;            // RLIMIT_DATA; 0 = none
   int64_t file_bytes = 0;              // RLIMIT_FSIZE; 0 = none
+  int64_t cpu_seconds = 0;             // RLIMIT_CPU, over all of its threads; 0 = none
   absl::Duration grace = absl::Seconds(1);
-  absl::Duration time_limit = absl::InfiniteDuration();  // of its life; then it is stopped
+  absl::Duration time_limit = absl::InfiniteDuration();   // of its life; then it is stopped
+  absl::Duration stall_limit = absl::InfiniteDuration();  // without a line from it; then it is stopped
 };
 
 struct ChildOutcome {
-  bool stopped = false;      // because `stop` fired, on_line asked for it, or its time was over
-  bool timed_out = false;    // the latter
+  bool stopped = false;      // because `stop` fired, on_line asked for it, its time was over, or it stalled
+  bool timed_out = false;    // its time was over
+  bool stalled = false;      // it said nothing for too long
   int exit_code = -1;        // -1 if a signal ended it
   int signal = 0;            // 0 if it exited
   std::string error_output;  // the end of its stderr, at most 4 KiB
@@ -35,9 +38,9 @@ struct ChildOutcome {
 
 // Runs a child in its own process group and returns when it has ended and every process of its group was killed.
 // `on_line` gets each line it writes to descriptor 3, on this thread; returning false ends the child. Lines beyond 64
-// KiB are cut. When `stop` fires: SIGTERM to the group, SIGKILL after the grace. The child dies with the *thread* that
-// called this (PR_SET_PDEATHSIG is bound to it), hence with this process. Errors: only when the child could not be
-// started.
+// KiB are cut. When `stop` fires: SIGTERM to the group, SIGKILL after the grace, which ends one that is suspended
+// (SIGSTOP) too. The child dies with the *thread* that called this (PR_SET_PDEATHSIG is bound to it), hence with this
+// process. Errors: only when the child could not be started.
 absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, const std::stop_token& stop,
                                       const std::function<bool(std::string_view line)>& on_line);
 

@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <condition_variable>
 #include <filesystem>
 #include <map>
 #include <mutex>
 #include <optional>
+#include <random>
 #include <set>
 #include <stop_token>
 #include <thread>
@@ -75,6 +77,8 @@ class Manager : public JobManager {
       for (auto& [number, running] : running_) running.stop.request_stop();
     }
     workers_.clear();
+    // So that a failure counts whoever runs the next attempt. Without it the next start releases the task.
+    for (const Postponed& end : postponed_) RecordOutcome(end.task, end.outcome).IgnoreError();
   }
 
   absl::Status CleanUpAndStart();
@@ -117,6 +121,13 @@ class Manager : public JobManager {
     std::stop_source stop;
   };
 
+  // An attempt that went wrong and whose failure is recorded later: only then can the work be claimed again.
+  struct Postponed {
+    Task task;
+    TaskOutcome outcome;
+    absl::Time due;
+  };
+
   // A worker: claims and runs until it is told to stop.
   void Work(const std::stop_token& stop);
   std::optional<Task> ClaimOrWait(const std::stop_token& stop);
@@ -124,7 +135,14 @@ class Manager : public JobManager {
   bool DiskHasRoom();
   bool RanOutOfSpace(const absl::Status& error) const;
   void RunTask(const Task& task, const std::stop_token& stop);
-  void Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop);
+  // Records how a task ended and tells watchers, however often that takes. With changes_ held by `lock`.
+  void Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop,
+              std::unique_lock<std::mutex>& lock);
+  // Tries the same once. With changes_ held.
+  absl::Status RecordAndTell(const Task& task, const TaskOutcome& outcome);
+  // Settles what has been postponed long enough. With changes_ held.
+  void SettleWhatIsDue();
+  absl::Duration Backoff(int failures);
   absl::Status RecordOutcome(const Task& task, const TaskOutcome& outcome);
   void OnStage(const std::string& job_id, std::string_view stage);
   absl::Status OnInterval(const Task& task, const PlannedInterval& interval, double seconds);
@@ -155,6 +173,8 @@ class Manager : public JobManager {
   int64_t wakes_ = 0;                                                   // guarded by changes_
   absl::Time begin_nothing_before_ = absl::InfinitePast();              // guarded by changes_: the disk was full
   absl::Time next_disk_alarm_ = absl::InfinitePast();                   // guarded by changes_
+  std::vector<Postponed> postponed_;                                    // guarded by changes_
+  std::minstd_rand random_{std::random_device{}()};                     // guarded by changes_
   std::condition_variable_any work_;
 
   Errands errands_;                    // frames on demand
@@ -215,6 +235,13 @@ void Manager::PublishQueue() {
 void Manager::StopTasksOf(std::string_view job_id) {
   for (auto& [number, running] : running_) {
     if (running.job_id == job_id) running.stop.request_stop();
+  }
+  // What waits for another attempt gets none. The caller tells of its end. It stays in the list, which somebody may be
+  // walking through, until SettleWhatIsDue finds that there is nothing left to record.
+  for (Postponed& end : postponed_) {
+    if (end.task.job_id != job_id) continue;
+    RecordOutcome(end.task, end.outcome).IgnoreError();
+    end.due = absl::InfinitePast();
   }
 }
 
@@ -381,6 +408,7 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
     work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
     return std::nullopt;
   }
+  SettleWhatIsDue();
   absl::StatusOr<std::optional<Task>> claimed = store_.ClaimTask(
       [this](const JobRecord& job, TaskKind kind) { return IntervalsPerBatch(job, kind, options_.workers); });
   if (claimed.ok() && claimed->has_value()) {
@@ -394,7 +422,13 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   const int64_t seen = wakes_;
   const auto woken = [this, seen] { return wakes_ != seen; };
   if (claimed.ok()) {
-    work_.wait(lock, stop, woken);
+    absl::Time next = absl::InfiniteFuture();
+    for (const Postponed& end : postponed_) next = std::min(next, end.due);
+    if (next == absl::InfiniteFuture()) {
+      work_.wait(lock, stop, woken);
+    } else {
+      work_.wait_for(lock, stop, absl::ToChronoNanoseconds(std::max(next - absl::Now(), absl::ZeroDuration())), woken);
+    }
   } else {
     LogError("cannot claim work", {{"error", Words(claimed.status())}});
     work_.wait_for(lock, stop, kStoreRetryGap, woken);
@@ -438,9 +472,15 @@ void Manager::RunTask(const Task& task, const std::stop_token& stop) {
   if (const absl::Status discarded = directory_.Discard(directory_.TaskFolder(task.number)); !discarded.ok()) {
     LogWarning("cannot discard a task's folder", {{"error", Words(discarded)}});
   }
-  Settle(task, outcome, stop);
   {
-    const std::lock_guard lock(changes_);
+    std::unique_lock lock(changes_);
+    // Whoever has stopped the task in the meantime waits for its end.
+    const bool wanted = !task_stop.stop_requested() && !stop.stop_requested();
+    if (outcome.retry && wanted && task.failures + 1 < kMaxAttempts) {
+      postponed_.push_back({task, std::move(outcome), absl::Now() + Backoff(task.failures)});
+    } else {
+      Settle(task, outcome, stop, lock);
+    }
     running_.erase(task.number);
     if (task.kind == TaskKind::kValidate) validations_.erase(task.sequence_id);
   }
@@ -493,16 +533,36 @@ absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome
   return absl::OkStatus();
 }
 
-void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop) {
-  std::unique_lock lock(changes_);
-  absl::Status recorded = RecordOutcome(task, outcome);
+absl::Duration Manager::Backoff(int failures) {
+  return options_.retry_backoff * std::pow(4.0, failures) * std::uniform_real_distribution(0.5, 1.5)(random_);
+}
+
+void Manager::SettleWhatIsDue() {
+  const absl::Time now = absl::Now();
+  std::erase_if(postponed_, [&](Postponed& end) {
+    if (end.due > now) return false;
+    const absl::Status recorded = RecordAndTell(end.task, end.outcome);
+    if (recorded.ok() || absl::IsFailedPrecondition(recorded)) return true;
+    LogError("cannot record the end of a task", {{"task", absl::StrCat(end.task.number)}, {"error", Words(recorded)}});
+    end.due = now + absl::FromChrono(kStoreRetryGap);
+    return false;
+  });
+}
+
+void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop,
+                     std::unique_lock<std::mutex>& lock) {
+  absl::Status recorded = RecordAndTell(task, outcome);
   // A full disk may have room later. If the server stops first, the next start gives the task back.
   while (!recorded.ok() && !absl::IsFailedPrecondition(recorded) && !stop.stop_requested()) {
     LogError("cannot record the end of a task", {{"task", absl::StrCat(task.number)}, {"error", Words(recorded)}});
     work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
-    recorded = RecordOutcome(task, outcome);
+    recorded = RecordAndTell(task, outcome);
   }
-  if (!recorded.ok() || task.job_id.empty()) return;
+}
+
+absl::Status Manager::RecordAndTell(const Task& task, const TaskOutcome& outcome) {
+  RETURN_IF_ERROR(RecordOutcome(task, outcome));
+  if (task.job_id.empty()) return absl::OkStatus();
   const absl::StatusOr<JobRecord> job = store_.GetJob(Tenant::Everyone(), task.job_id);
   // The stage ends with a task that runs alone, and with the last one before assembling.
   const bool over =
@@ -515,6 +575,7 @@ void Manager::Settle(const Task& task, const TaskOutcome& outcome, const std::st
   const absl::StatusOr<JobView> view =
       Publish(task.job_id, progressed ? JobEvent::Kind::kProgress : JobEvent::Kind::kState);
   if (view.ok() && HasEnded(view->record.state)) StopTasksOf(task.job_id);
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -528,6 +589,9 @@ absl::Status JobManagerOptions::Validate() const {
   if (child_memory_bytes < 0) return bad("child_memory_bytes", child_memory_bytes, ">= 0 (0 = no limit)");
   if (child_file_bytes < 0) return bad("child_file_bytes", child_file_bytes, ">= 0 (0 = no limit)");
   if (frame_renderers < 1) return bad("frame_renderers", frame_renderers, "> 0");
+  if (task_cpu_seconds < 0) return bad("task_cpu_seconds", task_cpu_seconds, ">= 0 (0 = no limit)");
+  if (task_stall <= absl::ZeroDuration()) return bad("task_stall", absl::FormatDuration(task_stall), "> 0");
+  if (retry_backoff < absl::ZeroDuration()) return bad("retry_backoff", absl::FormatDuration(retry_backoff), ">= 0");
   if (frame_render_time <= absl::ZeroDuration()) {
     return bad("frame_render_time", absl::FormatDuration(frame_render_time), "> 0");
   }

@@ -33,6 +33,15 @@ struct JobManagerOptions {
   // A child beyond these fails its task; 0 = no limit.
   int64_t child_memory_bytes = int64_t{16} << 30;  // writable memory it maps, touched or not
   int64_t child_file_bytes = int64_t{4} << 30;     // size of any one file it writes
+  // Processor time of one task, over all its threads; 0 = no limit. A backstop against work that has no end: the
+  // longest task there is, the scene flow and the videos of 100,000 frames at a second and a half each, fits into it.
+  int64_t task_cpu_seconds = 48 * 3600;
+  // A task that says nothing for so long is ended, and tried again like one that crashed. Children tell of each stage
+  // and each frame: the longest silence is one stage on one interval of large frames, a few minutes.
+  absl::Duration task_stall = absl::Minutes(10);
+  // Before an attempt that went wrong is followed by another: this after the first, four times as long after each
+  // further one, each time between half of it and one and a half.
+  absl::Duration retry_backoff = absl::Seconds(1);
   // Between SIGTERM and SIGKILL when a child has to end. Cancel promises the processor within 2 s.
   absl::Duration grace = absl::Seconds(1);
   // Single frames that are rendered at the same time, > 0, and how long one may take.

@@ -3,6 +3,8 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
+#include <csignal>
 #include <filesystem>
 #include <set>
 #include <string>
@@ -56,13 +58,26 @@ bool NeedsMotion(const JobRecord& job) {
 // One that takes depth over keeps what the other kept, for pictures that are asked for later.
 bool KeepsMotion(const JobRecord& job) { return NeedsMotion(job) || !job.depth_from.empty(); }
 
-// What went wrong with a child that did not end well, in its own words if it had any.
-absl::Status ChildError(const Task& task, const ChildOutcome& outcome, const std::optional<absl::Status>& said) {
+// What went wrong with a child that did not end well, in its own words if it had any. `stage` is what it said last of
+// its work; empty if it has said nothing.
+absl::Status ChildError(const Task& task, const ChildOutcome& outcome, const JobManagerOptions& limits,
+                        const std::optional<absl::Status>& said, const std::string& stage) {
   const std::string what = absl::StrCat("task ", std::string(ToString(task.kind)));
+  const std::string at = stage.empty() ? "" : absl::StrCat("; it was at: ", stage);
+  if (outcome.stalled) {
+    return absl::DeadlineExceededError(
+        absl::StrFormat("%s: no progress for %d s, which is the limit, so it was ended%s", what,
+                        static_cast<int64_t>(std::ceil(absl::ToDoubleSeconds(limits.task_stall))), at));
+  }
   if (said) return WithContext(*said, what);
+  if (outcome.signal == SIGXCPU) {
+    return absl::ResourceExhaustedError(absl::StrFormat("%s: it has used the %d s of processor time that a task may%s",
+                                                        what, limits.task_cpu_seconds, at));
+  }
   const absl::string_view output = absl::StripAsciiWhitespace(outcome.error_output);
-  return absl::InternalError(
-      absl::StrCat(what, ": ", outcome.Describe(), output.empty() ? "" : absl::StrCat("; its last output: ", output)));
+  return absl::InternalError(absl::StrCat(
+      what, ": ", outcome.Describe(), outcome.signal == SIGKILL ? "; the system does this when memory runs out" : "",
+      output.empty() ? "" : absl::StrCat("; its last output: ", output), at));
 }
 
 // Removes what a child that was killed left half-written in a result: core renames such files when they are whole.
@@ -289,6 +304,7 @@ absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const s
 
   std::set<int> finished;
   std::optional<absl::Status> said;  // by the child: why it fails
+  std::string stage;                 // that it said last
   absl::Status ours;
   const auto finish = [&](const ProgressLine::IntervalDone& done) -> absl::Status {
     const int position = done.interval - task.first_interval;
@@ -303,8 +319,11 @@ absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const s
   };
   const auto on_line = [&](std::string_view text) {
     const ProgressLine line = ParseProgressLine(text);
-    if (line.stage) events.on_stage(*line.stage);
-    if (line.checked) events.on_checked(line.checked->checked, line.checked->of);
+    if (line.stage) events.on_stage(stage = *line.stage);
+    if (line.checked) {
+      stage = absl::StrFormat("%d of %d files checked", line.checked->checked, line.checked->of);
+      events.on_checked(line.checked->checked, line.checked->of);
+    }
     if (line.error) said = line.error;
     if (line.lost) said = LostStatus(*line.lost, task.job_id, task.sequence_id);
     if (line.interval_done && ours.ok()) ours = finish(*line.interval_done);
@@ -316,13 +335,16 @@ absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const s
                                                        .folder = directory_.TaskFolder(task.number),
                                                        .memory_bytes = options_.child_memory_bytes,
                                                        .file_bytes = options_.child_file_bytes,
-                                                       .grace = options_.grace},
+                                                       .cpu_seconds = options_.task_cpu_seconds,
+                                                       .grace = options_.grace,
+                                                       .stall_limit = options_.task_stall},
                                                       stop, on_line);
   if (!child.ok()) return WithContext(child.status(), "start of depthtween-core");
   RETURN_IF_ERROR(ours);
-  outcome.stopped = child->stopped;
-  if (child->stopped) return absl::CancelledError("the task was stopped");
-  if (child->exit_code != 0) return ChildError(task, *child, said);
+  // One that stalled and was cancelled while it was being ended was cancelled.
+  outcome.stopped = child->stopped && (!child->stalled || stop.stop_requested());
+  if (outcome.stopped) return absl::CancelledError("the task was stopped");
+  if (child->stalled || child->exit_code != 0) return ChildError(task, *child, options_, said, stage);
   if (finished.size() != intervals.size()) {
     return absl::InternalError(
         absl::StrFormat("depthtween-core ended well with %d of %d intervals done", finished.size(), intervals.size()));

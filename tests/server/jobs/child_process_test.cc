@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "absl/strings/str_split.h"
+#include "absl/time/clock.h"
 #include "tests/server/jobs/jobs_fixture.h"
 
 namespace depthtween::server {
@@ -24,14 +25,19 @@ class ChildProcessTest : public testing::Test {
     return RunChild({.arguments = {"/bin/sh", "-c", script},
                      .folder = folder_.path(),
                      .file_bytes = file_bytes_,
-                     .grace = absl::Milliseconds(200)},
+                     .cpu_seconds = cpu_seconds_,
+                     .grace = absl::Milliseconds(200),
+                     .stall_limit = stall_limit_},
                     stop, [this](std::string_view line) {
+                      if (lines_.empty()) absl::SleepFor(slow_);
                       lines_.emplace_back(line);
                       return line != "enough";
                     });
   }
   TemporaryFolder folder_;
-  int64_t file_bytes_ = 0;
+  int64_t file_bytes_ = 0, cpu_seconds_ = 0;
+  absl::Duration stall_limit_ = absl::InfiniteDuration();
+  absl::Duration slow_;  // that the listener is, at the first line
   std::vector<std::string> lines_;
 };
 
@@ -105,6 +111,39 @@ TEST_F(ChildProcessTest, StopIsSureInTheEndAndForTheWholeGroup) {
   EXPECT_EQ(outcome.signal, SIGKILL);
   const int grandchild = std::stoi(ReadText(folder_ / "stdout"));
   WaitUntil([&] { return !IsAlive(grandchild); });
+}
+
+TEST_F(ChildProcessTest, OneThatSaysNothingIsEnded) {
+  stall_limit_ = absl::Milliseconds(100);
+  const ChildOutcome outcome = Take(Run("trap '' TERM; echo one >&3; sleep 1000"));
+  EXPECT_TRUE(outcome.stalled);
+  EXPECT_FALSE(outcome.timed_out);
+  EXPECT_EQ(outcome.signal, SIGKILL);
+  EXPECT_THAT(lines_, ElementsAre("one"));
+}
+
+TEST_F(ChildProcessTest, SuspendedOneIsEndedToo) {
+  stall_limit_ = absl::Milliseconds(100);
+  const ChildOutcome outcome = Take(Run("kill -STOP $$"));
+  EXPECT_TRUE(outcome.stalled);
+  EXPECT_EQ(outcome.signal, SIGKILL);
+}
+
+// Many times as long as the limit, in short steps that it tells of. The listener's own time is not the child's.
+TEST_F(ChildProcessTest, OneThatGoesOnTellingIsLeftAlone) {
+  stall_limit_ = absl::Seconds(3);
+  slow_ = absl::Milliseconds(3500);
+  const ChildOutcome outcome = Take(Run("i=0; while [ $i -lt 16 ]; do sleep 0.25; echo $i >&3; i=$((i+1)); done"));
+  EXPECT_FALSE(outcome.stalled);
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_THAT(lines_, SizeIs(16));
+}
+
+TEST_F(ChildProcessTest, ProcessorTimeIsLimited) {
+  cpu_seconds_ = 1;
+  const ChildOutcome outcome = Take(Run("while true; do :; done"));
+  EXPECT_EQ(outcome.signal, SIGXCPU);
+  EXPECT_FALSE(outcome.stopped);
 }
 
 TEST_F(ChildProcessTest, ListenerCanEndIt) {

@@ -8,6 +8,11 @@
 //   error_at I CODE    reports that error when it begins interval I
 //   babble_at I        reports an error of 50,000 characters when it begins interval I
 //   wait_at I          waits at interval I until the sequence folder has a file "go"
+//   hang KIND TIMES    a task of that kind, the first TIMES times, says a line and then nothing, and waits to be ended;
+//                      KIND: 1 validate, 2 prepare, 3 intervals, 4 assemble, 5 self-check, 6 render
+//   suspend KIND TIMES the same, but suspends itself (SIGSTOP)
+//   burn KIND          a task of that kind uses processor time for ever, and says so all the time
+//   slow_at I          takes a tenth of a second at interval I, in twenty steps that it tells of
 //   ignore_term        ignores SIGTERM, and so does a process that it starts and leaves behind
 //   fill_at I          writes a file of 1 MiB at interval I, reporting RESOURCE_EXHAUSTED if it cannot
 //   lie_at I           says that interval I is done without writing its files
@@ -35,6 +40,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -86,6 +92,30 @@ std::string Stem(int frame) {
   char text[16];
   snprintf(text, sizeof(text), "%06d", frame);
   return text;
+}
+
+// Hangs, suspends itself or burns processor time as the script says.
+void Misbehave(const std::string& kind) {
+  const std::map<std::string, int> kinds = {{"validate", 1}, {"prepare", 2},    {"intervals", 3},
+                                            {"assemble", 4}, {"self-check", 5}, {"render", 6}};
+  const auto found = kinds.find(kind);
+  if (found == kinds.end()) return;
+  while (Says("burn", found->second)) {
+    const std::clock_t start = std::clock();
+    while (std::clock() - start < CLOCKS_PER_SEC / 100) {
+    }
+    Tell(R"({"alive":true})");
+  }
+  for (const char* word : {"hang", "suspend"}) {
+    if (!Says(word, found->second)) continue;
+    const std::string times = options["--sequence"] + "/" + word + "s";
+    if (static_cast<int>(ReadFile(times).size()) >= std::stoi(script[word].rest)) continue;
+    Append(times, "x");
+    Append(options["--sequence"] + "/log", std::string(word) + " " + std::to_string(getpid()) + "\n");
+    Tell(R"({"stage":"hanging about"})");
+    if (strcmp(word, "suspend") == 0) raise(SIGSTOP);
+    while (true) pause();
+  }
 }
 
 void Validate() {
@@ -153,6 +183,10 @@ void ComputeInterval(int interval) {
     if (write(fd, big.data(), big.size()) != static_cast<ssize_t>(big.size()))
       FailWith("RESOURCE_EXHAUSTED", "no room");
     close(fd);
+  }
+  for (int i = 0; Says("slow_at", interval) && i < 20; ++i) {
+    usleep(5000);
+    Tell(R"({"alive":true})");
   }
   Tell(R"({"stage":"flow","interval":)" + std::to_string(interval) + "}");
   if (!Says("lie_at", interval)) {
@@ -272,6 +306,7 @@ int main(int argc, char** argv) {
   }
   signal(SIGPIPE, SIG_IGN);
   const int intervals = script.count("intervals") > 0 ? script["intervals"].number : 3;
+  Misbehave(kind);
   if (kind == "validate") Validate();
   if (kind == "prepare") Prepare(intervals);
   if (kind == "self-check") CheckSelf();

@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 
 #include <atomic>
+#include <map>
 #include <set>
 
 #include "server/store/files.h"
@@ -79,7 +80,7 @@ TEST_F(JobManagerTest, CrashedChildIsTriedAgain) {
   const std::string sequence = ReadySequence("crash_at 1 2\n");
   EXPECT_EQ(Ended(NewJobOn(sequence)).record.state, JobState::kSucceeded);
   // Three attempts; interval 0 was done before the first crash and stays done.
-  EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
+  EXPECT_THAT(SortedIntervals(sequence), ElementsAre(0, 1, 2));
 }
 
 TEST_F(JobManagerTest, ThirdCrashFailsTheJobWithItsReason) {
@@ -95,7 +96,7 @@ TEST_F(JobManagerTest, ThirdCrashFailsTheJobWithItsReason) {
   // The script has no fourth crash.
   EXPECT_EQ(Take(jobs_->Retry(kTenant, job)).record.attempt, 2);
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
-  EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
+  EXPECT_THAT(SortedIntervals(sequence), ElementsAre(0, 1, 2));
 }
 
 TEST_F(JobManagerTest, ErrorThatNamesItsCauseIsNotTriedAgain) {
@@ -708,6 +709,108 @@ TEST_F(JobManagerTest, StoppingEndsWhatCallsWaitFor) {
     EXPECT_THAT(status, HasReason(absl::StatusCode::kUnavailable, "SERVER_STOPPING"));
   }
   EXPECT_THAT(jobs_->Create(kTenant, order, "", false), HasReason(absl::StatusCode::kUnavailable, "SERVER_STOPPING"));
+}
+
+// ---- tasks that hang, are ended from outside, or have no end ----
+
+// Long enough for a busy machine to start a process in.
+const JobManagerOptions kImpatient = {.task_stall = absl::Seconds(2), .grace = absl::Milliseconds(100)};
+
+TEST_F(JobManagerTest, TaskThatHangsIsTriedAgainWhateverItsKind) {
+  Start(6, kImpatient);
+  // As fake_core numbers the kinds: validate, prepare, intervals, assemble, self-check, render.
+  std::map<int, std::string> sequences, jobs;
+  for (int kind = 1; kind <= 6; ++kind) sequences[kind] = CommittedSequence(absl::StrCat("hang ", kind, " 1\n"));
+  for (const auto& [kind, sequence] : sequences) {
+    EXPECT_EQ(Validated(sequence).state, SequenceState::kReady) << kind;
+    const NewJob order = {.sequence_id = sequence, .options = R"({"self_check":true})", .renders = {{.options = kDof}}};
+    jobs[kind] = Take(jobs_->Create(kTenant, order, "", false)).record.id;
+  }
+  for (const auto& [kind, job] : jobs) {
+    EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << kind << ": " << View(job).record.error;
+    const std::vector<int> hung = Logged(sequences[kind], "hang");
+    ASSERT_THAT(hung, SizeIs(1)) << kind;
+    EXPECT_FALSE(IsAlive(hung[0]));
+  }
+}
+
+TEST_F(JobManagerTest, ThirdHangFailsTheJobAndSaysWhatHung) {
+  Start(2, kImpatient);
+  const std::string invalid = CommittedSequence("hang 1 3\n");
+  const std::string job = NewJobOn(ReadySequence("intervals 1\nhang 3 3\n"));
+  const JobRecord failed = Ended(job).record;
+  EXPECT_EQ(failed.state, JobState::kFailed);
+  EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kDeadlineExceeded));
+  EXPECT_THAT(std::string(failed.error.message()), AllOf(HasSubstr("task intervals"), HasSubstr("no progress for 2 s"),
+                                                         HasSubstr("it was at: hanging about")));
+  EXPECT_THAT(jobs_->Retry(kTenant, job), IsOk());
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << "the script has no fourth";
+  EXPECT_EQ(Validated(invalid).state, SequenceState::kInvalid);
+  EXPECT_THAT(std::string(Validated(invalid).validation.error.message()), HasSubstr("no progress for 2 s"));
+}
+
+TEST_F(JobManagerTest, SuspendedTaskIsTriedAgain) {
+  Start(1, kImpatient);
+  const std::string sequence = ReadySequence("suspend 3 1\n");
+  EXPECT_EQ(Ended(NewJobOn(sequence)).record.state, JobState::kSucceeded);
+  EXPECT_FALSE(IsAlive(Logged(sequence, "suspend").at(0)));
+}
+
+// As the kernel does when memory runs out, or anybody by hand.
+TEST_F(JobManagerTest, KilledTaskIsTriedAgainAndNotForEver) {
+  Start();
+  const std::string sequence = ReadySequence("intervals 1\nhang 3 100\n");
+  const std::string job = NewJobOn(sequence);
+  for (size_t i = 0; i < kMaxAttempts; ++i) {
+    WaitUntil([&] { return Logged(sequence, "hang").size() == i + 1; });
+    EXPECT_EQ(State(job), JobState::kRunning);
+    kill(Logged(sequence, "hang").back(), SIGKILL);
+  }
+  const JobRecord failed = Ended(job).record;
+  EXPECT_EQ(failed.state, JobState::kFailed);
+  EXPECT_THAT(std::string(failed.error.message()), AllOf(HasSubstr("SIGKILL"), HasSubstr("memory runs out")));
+  EXPECT_THAT(Logged(sequence, "hang"), SizeIs(kMaxAttempts));
+}
+
+TEST_F(JobManagerTest, TaskWithoutEndUsesUpItsProcessorTime) {
+  Start(1, {.task_cpu_seconds = 1});
+  const JobRecord failed = Ended(NewJobOn(ReadySequence("burn 3\n"))).record;
+  EXPECT_EQ(failed.state, JobState::kFailed);
+  EXPECT_THAT(failed.error, HasCode(absl::StatusCode::kResourceExhausted)) << "the next attempt would use it up too";
+  EXPECT_THAT(std::string(failed.error.message()), HasSubstr("the 1 s of processor time that a task may"));
+}
+
+// While the next attempt is an hour away, the worker serves others; neither cancelling nor the end of the server waits
+// for it, and after that end the failure counts.
+TEST_F(JobManagerTest, WaitingForTheNextAttemptHoldsNobodyUp) {
+  Start();
+  const std::string crashing = ReadySequence("crash_at 0 3\n"), once = ReadySequence("crash_at 0 1\n");
+  const std::string sound = ReadySequence();
+  Close();
+  const auto restart = [&] {
+    OpenStores(folder_ / "data");
+    StartJobs(1, {.retry_backoff = absl::Hours(1)}, /*hasty=*/false);
+  };
+  const auto crashes = [&](const std::string& sequence) {
+    return ReadText(directory_->SequenceFolder(sequence) + "/crashes").size();
+  };
+  restart();
+  const std::string failing = NewJobOn(crashing);
+  for (size_t i = 1; i < kMaxAttempts; ++i) {
+    WaitUntil([&] { return crashes(crashing) == i; });
+    EXPECT_EQ(Ended(NewJobOn(sound)).record.state, JobState::kSucceeded);
+    EXPECT_EQ(State(failing), JobState::kRunning);
+    Close();
+    restart();
+  }
+  EXPECT_EQ(Ended(failing).record.state, JobState::kFailed) << "no crash was forgotten";
+
+  const std::string cancelled = NewJobOn(once);
+  WaitUntil([&] { return crashes(once) == 1; });
+  EXPECT_EQ(Ended(NewJobOn(sound)).record.state, JobState::kSucceeded);
+  EXPECT_EQ(Take(jobs_->Cancel(kTenant, cancelled)).record.state, JobState::kCancelled);
+  EXPECT_THAT(jobs_->Retry(kTenant, cancelled), IsOk());
+  EXPECT_EQ(Ended(cancelled).record.state, JobState::kSucceeded);
 }
 
 // ---- watching ----

@@ -50,9 +50,11 @@ class JobsFixture : public testing::Test {
       if (jobs_) jobs_->Wake();
     });
   }
-  void StartJobs(int workers = 1, JobManagerOptions options = {}) {
+  // Attempts follow one another at once unless not `hasty`.
+  void StartJobs(int workers = 1, JobManagerOptions options = {}, bool hasty = true) {
     options.core_program = FAKE_CORE;
     options.workers = workers;
+    if (hasty) options.retry_backoff = absl::Milliseconds(20);
     jobs_ = Take(JobManager::Start(*directory_, *store_, options));
   }
   void Start(int workers = 1, const JobManagerOptions& options = {}) {
