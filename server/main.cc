@@ -22,6 +22,7 @@
 #include "core/io/file.h"
 #include "server/access/guard.h"
 #include "server/jobs/job_manager.h"
+#include "server/jobs/machine_memory.h"
 #include "server/jobs/sequences.h"
 #include "server/rpc/health_check.h"
 #include "server/rpc/rpc_server.h"
@@ -47,6 +48,7 @@ constexpr int kExitOk = 0, kExitFailed = 1, kExitUsage = 2;
 constexpr absl::Duration kStopPatience = absl::Seconds(2);
 
 struct ServeOptions {
+  int64_t task_memory_bytes = -1;  // below 0: as the machine has it
   std::string data_dir;
   int quarantine_days = 7;
   std::string port_file;
@@ -123,12 +125,17 @@ absl::Status Serve(const ServeOptions& options) {
   const std::unique_ptr<BlobStore> blobs = MakeFolderBlobStore(*directory);
   JobManagerOptions job_options = options.jobs;
   job_options.min_free_bytes = options.limits.reserved_disk_bytes;
+  job_options.child_memory_bytes = options.task_memory_bytes >= 0
+                                       ? options.task_memory_bytes
+                                       : TaskMemoryBytes(UsableMemoryBytes(), options.jobs.workers);
   absl::StatusOr<std::unique_ptr<JobManager>> started = JobManager::Start(*directory, *store, job_options);
   if (absl::IsNotFound(started.status()) || absl::IsPermissionDenied(started.status())) {
     return WithContext(started.status(), "--core-binary");
   }
   ASSIGN_OR_RETURN(const std::unique_ptr<JobManager> jobs, std::move(started));
-  Sequences sequences(*store, *blobs, options.limits, [&jobs] { jobs->Wake(); });
+  Sequences sequences(
+      *store, *blobs, options.limits, [&jobs] { jobs->Wake(); },
+      [&jobs](std::string_view id) { jobs->StopValidation(id); });
   Health health;
   ASSIGN_OR_RETURN(const std::unique_ptr<RpcServer> server,
                    RpcServer::Start(options.rpc, options.limits, *directory, *guard, sequences, *jobs, health));
@@ -225,11 +232,27 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->type_name("SIZE")
       ->capture_default_str()
       ->group(limits);
-  command->add_option("--task-memory-bytes", options.jobs.child_memory_bytes, "Memory of one task; 0: no limit")
+  command
+      ->add_option("--max-sequence-pixels", options.jobs.max_sequence_pixels,
+                   "Most pixels of all frames of one recording together; 0: no limit")
+      ->check(AtLeast(0))
+      ->type_name("N")
+      ->capture_default_str()
+      ->group(limits);
+  command
+      ->add_option("--max-threads-per-task", options.jobs.max_threads, "Most threads that a job may ask for, per task")
+      ->check(AtLeast(1))
+      ->type_name("N")
+      ->capture_default_str()
+      ->group(limits);
+  command
+      ->add_option("--task-memory-bytes", options.task_memory_bytes,
+                   "Memory of one task; 0: no limit. By default 0.8 of the memory of the machine, or of the control "
+                   "group that the server runs in, divided by the workers, and at least 1 GiB")
       ->transform(size)
       ->transform(AtLeast(0))
       ->type_name("SIZE")
-      ->capture_default_str()
+      ->default_str("")
       ->group(limits);
   command
       ->add_option_function<double>(
@@ -309,6 +332,7 @@ int Main(int argc, char** argv) {
   ServeOptions serve;
   serve.jobs.core_program = CoreBesideThisProgram();
   serve.jobs.workers = AvailableThreads();
+  serve.jobs.max_threads = AvailableThreads();
   HealthCheckOptions health_check;
 
   CLI::App app(

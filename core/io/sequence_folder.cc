@@ -61,14 +61,15 @@ absl::Status CheckSize(const Image<T>& image, const Camera& camera) {
                                                     image.width(), image.height(), camera.width, camera.height));
 }
 
-absl::StatusOr<Image<Rgb8>> LoadColor(const std::string& dir, const std::string& name) {
+absl::StatusOr<Image<Rgb8>> LoadColor(const std::string& dir, const std::string& name, const ImageLimits& limits = {}) {
   ASSIGN_OR_RETURN(const std::string bytes, ReadFile(JoinPath(dir, name)));
-  return DecodeColor(bytes);
+  return DecodeColor(bytes, limits);
 }
 
-absl::StatusOr<Image<uint16_t>> LoadDepth(const std::string& dir, const std::string& name) {
+absl::StatusOr<Image<uint16_t>> LoadDepth(const std::string& dir, const std::string& name,
+                                          const ImageLimits& limits = {}) {
   ASSIGN_OR_RETURN(const std::string bytes, ReadFile(JoinPath(dir, name)));
-  absl::StatusOr<Image<uint16_t>> units = DecodePng16(bytes);
+  absl::StatusOr<Image<uint16_t>> units = DecodePng16(bytes, limits);
   if (absl::IsInvalidArgument(units.status()))
     return absl::InvalidArgumentError(
         absl::StrCat(units.status().message(), ": store depth as whole numbers, depth_scale of them per metre"));
@@ -136,6 +137,32 @@ absl::StatusOr<SequenceCheck> CheckSequenceFolder(const std::string& dir, const 
   for (const FrameRef& frame : check.sequence.depth)
     if (!violations.Contains(frame.path)) frames.push_back({&frame.path, /*is_depth=*/true, {}});
 
+  // What a frame may hold, from what is known before any is decoded.
+  const Camera& camera = check.sequence.camera;
+  const auto frame_count = static_cast<int64_t>(frames.size());
+  ImageLimits limits;
+  if (camera_was_read && camera.Validate().ok()) {
+    const int64_t pixels = int64_t{camera.width} * camera.height;
+    if (frame_count > options.max_pixels / pixels) {
+      violations.Add(kCameraFile, absl::ResourceExhaustedError(absl::StrFormat(
+                                      "%d frames of %d x %d pixels are %.4g pixels, at most %.4g are allowed in a "
+                                      "sequence: cut it into parts, or scale it down",
+                                      frame_count, camera.width, camera.height,
+                                      static_cast<double>(frame_count) * static_cast<double>(pixels),
+                                      static_cast<double>(options.max_pixels))));
+      frames.clear();
+    }
+    limits.max_pixels = std::min(limits.max_pixels, pixels);
+  } else if (frame_count > 0) {
+    limits.max_pixels = std::min(limits.max_pixels, options.max_pixels / frame_count);
+  }
+  // A limit that the camera sets is told as such.
+  const auto explain = [&](const absl::Status& status) {
+    if (!camera_was_read || !absl::IsResourceExhausted(status)) return status;
+    return WithContext(status,
+                       absl::StrFormat("camera.json says %d x %d, and they must agree", camera.width, camera.height));
+  };
+
   std::mutex mutex;
   DepthHistogram histogram;  // guarded by mutex
   int checked = 0;           // guarded by mutex
@@ -146,15 +173,15 @@ absl::StatusOr<SequenceCheck> CheckSequenceFolder(const std::string& dir, const 
     if (options.stop.stop_requested()) return;
     Frame& frame = frames[i];
     if (frame.is_depth) {
-      const absl::StatusOr<Image<uint16_t>> units = LoadDepth(dir, *frame.name);
-      frame.status = units.ok() ? size_status(*units) : units.status();
+      const absl::StatusOr<Image<uint16_t>> units = LoadDepth(dir, *frame.name, limits);
+      frame.status = units.ok() ? size_status(*units) : explain(units.status());
       if (units.ok()) {
         const std::lock_guard lock(mutex);
         histogram.Add(*units);
       }
     } else {
-      const absl::StatusOr<Image<Rgb8>> color = LoadColor(dir, *frame.name);
-      frame.status = color.ok() ? size_status(*color) : color.status();
+      const absl::StatusOr<Image<Rgb8>> color = LoadColor(dir, *frame.name, limits);
+      frame.status = color.ok() ? size_status(*color) : explain(color.status());
     }
     const std::lock_guard lock(mutex);
     if (options.on_progress) options.on_progress(++checked, static_cast<int>(frames.size()));
@@ -164,7 +191,7 @@ absl::StatusOr<SequenceCheck> CheckSequenceFolder(const std::string& dir, const 
   for (const Frame& frame : frames)
     if (!frame.status.ok()) violations.Add(*frame.name, frame.status);
   check.violations = violations.PerFile();
-  if (check.sequence.depth_scale > 0) {
+  if (!violations.Contains(kCameraFile)) {
     check.median_depth_m = histogram.Median() / check.sequence.depth_scale;
     if (const auto warning = ImplausibleDepthScale(check.median_depth_m, check.sequence.depth_scale))
       check.warnings.push_back(*warning);

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <stop_token>
@@ -37,12 +38,17 @@ struct SequenceCheck {
 
 struct CheckOptions {
   int threads = 1;
+  // Of all frames together, colour and depth: more is a violation of camera.json, and no frame is decoded. Where the
+  // camera is unknown, no frame may have more than an equal share. Frames are compressed, so that their bytes say
+  // nothing: 20 GB of PNG can hold 20 terapixels.
+  int64_t max_pixels = std::numeric_limits<int64_t>::max();
   std::stop_token stop = {};
   // Called after each decoded frame, from one thread at a time. May be empty.
   std::function<void(int checked, int total)> on_progress = nullptr;
 };
 
-// Reads the header, validates it, and decodes every frame: whole, of the right kind, of the camera's size.
+// Reads the header, validates it, and decodes every frame: whole, of the right kind, of the camera's size. One that is
+// larger than the camera's is refused by its header.
 // Errors: NotFound when there is no such folder; Cancelled when `stop` fires. What is wrong inside it is no error of
 // this function but its answer.
 absl::StatusOr<SequenceCheck> CheckSequenceFolder(const std::string& dir, const CheckOptions& options = {});

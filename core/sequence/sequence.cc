@@ -9,6 +9,9 @@
 namespace depthtween {
 namespace {
 
+// A unit of a kilometre, and one of a nanometre. Beyond them depths in metres are no longer numbers to compute with.
+constexpr double kMinDepthScale = 1e-3, kMaxDepthScale = 1e9;
+
 constexpr int kMaxFrames = 100000;  // per stream; a longer recording is cut by its owner
 constexpr int64_t kNsPerSecond = 1000000000;
 
@@ -59,10 +62,10 @@ int NearestColorFrame(const Sequence& sequence, int64_t time_ns) {
 std::vector<absl::Status> Violations(const Sequence& sequence) {
   std::vector<absl::Status> out;
   if (absl::Status camera = sequence.camera.Validate(); !camera.ok()) out.push_back(camera);
-  if (!std::isfinite(sequence.depth_scale) || sequence.depth_scale <= 0)
+  if (!(sequence.depth_scale >= kMinDepthScale && sequence.depth_scale <= kMaxDepthScale))
     out.push_back(absl::InvalidArgumentError(absl::StrFormat(
-        "camera.depth_scale = %g, must be positive: stored 16-bit units per metre (1000 for millimetres)",
-        sequence.depth_scale)));
+        "camera.depth_scale = %g, must be %g to %g: stored 16-bit units per metre (1000 for millimetres)",
+        sequence.depth_scale, kMinDepthScale, kMaxDepthScale)));
   CheckStream(sequence.color, "rgb.txt", out);
   CheckStream(sequence.depth, "depth.txt", out);
   if (!sequence.color.empty() && !sequence.depth.empty()) {

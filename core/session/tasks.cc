@@ -84,10 +84,12 @@ absl::Status AssemblePairs(const Task& task, const TaskInput& input) {
 }  // namespace
 
 absl::StatusOr<json> ValidateTask(const Task& task) {
-  const CheckOptions options{
-      .threads = task.arguments.threads, .stop = task.stop, .on_progress = [&](int checked, int of) {
-        task.progress({{"checked", checked}, {"of", of}});
-      }};
+  const CheckOptions options{.threads = task.arguments.threads,
+                             .max_pixels = task.arguments.max_pixels,
+                             .stop = task.stop,
+                             .on_progress = [&](int checked, int of) {
+                               task.progress({{"checked", checked}, {"of", of}});
+                             }};
   ASSIGN_OR_RETURN(const SequenceCheck check, CheckSequenceFolder(task.arguments.sequence, options));
   json violations = json::array();
   for (const FileViolation& violation : check.violations)

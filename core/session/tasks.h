@@ -2,7 +2,9 @@
 #ifndef DEPTHTWEEN_CORE_SESSION_TASKS_H_
 #define DEPTHTWEEN_CORE_SESSION_TASKS_H_
 
+#include <cstdint>
 #include <functional>
+#include <limits>
 #include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 #include <string>
@@ -15,6 +17,7 @@ namespace depthtween {
 struct TaskArguments {
   std::string sequence, options, constants, out, result, render, self_check;
   int first = 0, count = 0, frame = 0, threads = 1;
+  int64_t max_pixels = std::numeric_limits<int64_t>::max();  // of all frames of the sequence together
   bool keep_motion = false;
 };
 

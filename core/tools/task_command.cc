@@ -93,6 +93,9 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
   CLI::App* const validate =
       add("validate", "Decode every frame and print what is wrong, as JSON (exit code 0)", PrintValidation);
   AddThreads(*validate, arguments->threads);
+  validate->add_option("--max-pixels", arguments->max_pixels, "Most pixels of all frames together (default: no limit)")
+      ->check(CLI::PositiveNumber)
+      ->type_name("N");
 
   CLI::App* const prepare = add("prepare", "Decide what is decided once per clip", PrepareTask);
   add_options(prepare);

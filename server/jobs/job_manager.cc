@@ -107,6 +107,7 @@ class Manager : public JobManager {
     planning_.Stop();
     errands_.Stop();
   }
+  void StopValidation(std::string_view sequence_id) override;
   ValidationProgress GetValidationProgress(std::string_view sequence_id) override;
   int workers() const override { return options_.workers; }
 
@@ -118,6 +119,7 @@ class Manager : public JobManager {
   };
   struct Running {
     std::string job_id;  // empty for a validation
+    std::string sequence_id;
     std::stop_source stop;
   };
 
@@ -131,6 +133,8 @@ class Manager : public JobManager {
   // A worker: claims and runs until it is told to stop.
   void Work(const std::stop_token& stop);
   std::optional<Task> ClaimOrWait(const std::stop_token& stop);
+  // What a worker may do about validations now, so that they leave workers to jobs. With changes_ held.
+  ClaimValidations ValidationsAllowed() const;
   // Whether work may begin as far as the disk goes. Raises the alarm, now and then, if not. With changes_ held.
   bool DiskHasRoom();
   bool RanOutOfSpace(const absl::Status& error) const;
@@ -173,6 +177,7 @@ class Manager : public JobManager {
   int64_t wakes_ = 0;                                                   // guarded by changes_
   absl::Time begin_nothing_before_ = absl::InfinitePast();              // guarded by changes_: the disk was full
   absl::Time next_disk_alarm_ = absl::InfinitePast();                   // guarded by changes_
+  bool validated_last_ = false;                                         // guarded by changes_: what was claimed last
   std::vector<Postponed> postponed_;                                    // guarded by changes_
   std::minstd_rand random_{std::random_device{}()};                     // guarded by changes_
   std::condition_variable_any work_;
@@ -247,6 +252,11 @@ void Manager::StopTasksOf(std::string_view job_id) {
 
 absl::StatusOr<NewJob> Manager::Plan(const Tenant& tenant, const NewJob& order) {
   ASSIGN_OR_RETURN(NewJob job, order.Checked());
+  if (job.threads > options_.max_threads) {
+    return BadField("job.threads", absl::StrFormat("job.threads = %d, must be at most %d, which is what this server "
+                                                   "gives a task; leave it out to let the server decide",
+                                                   job.threads, options_.max_threads));
+  }
   const bool scene_flow = job.kind == JobKind::kSceneFlow;
   if (job.renders.empty() && !scene_flow) return job;
   const absl::StatusOr<SequenceRecord> sequence = store_.GetSequence(tenant, job.sequence_id);
@@ -369,6 +379,13 @@ absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(const Tenant& tenan
       std::move(on_done));
 }
 
+void Manager::StopValidation(std::string_view sequence_id) {
+  const std::lock_guard lock(changes_);
+  for (auto& [number, running] : running_) {
+    if (running.job_id.empty() && running.sequence_id == sequence_id) running.stop.request_stop();
+  }
+}
+
 ValidationProgress Manager::GetValidationProgress(std::string_view sequence_id) {
   const std::lock_guard lock(changes_);
   const auto found = validations_.find(sequence_id);
@@ -401,6 +418,13 @@ bool Manager::RanOutOfSpace(const absl::Status& error) const {
   return free_bytes.ok() && *free_bytes < options_.min_free_bytes;
 }
 
+ClaimValidations Manager::ValidationsAllowed() const {
+  if (options_.workers == 1) return validated_last_ ? ClaimValidations::kLast : ClaimValidations::kFirst;
+  const auto validating =
+      std::count_if(running_.begin(), running_.end(), [](const auto& entry) { return entry.second.job_id.empty(); });
+  return validating < options_.workers / 2 ? ClaimValidations::kFirst : ClaimValidations::kNone;
+}
+
 std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   std::unique_lock lock(changes_);
   if (stop.stop_requested()) return std::nullopt;
@@ -410,10 +434,14 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   }
   SettleWhatIsDue();
   absl::StatusOr<std::optional<Task>> claimed = store_.ClaimTask(
-      [this](const JobRecord& job, TaskKind kind) { return IntervalsPerBatch(job, kind, options_.workers); });
+      [this](const JobRecord& job, TaskKind kind) { return IntervalsPerBatch(job, kind, options_.workers); },
+      ValidationsAllowed());
   if (claimed.ok() && claimed->has_value()) {
     const Task& task = **claimed;
-    running_[task.number].job_id = task.job_id;
+    Running& running = running_[task.number];
+    running.job_id = task.job_id;
+    running.sequence_id = task.sequence_id;
+    validated_last_ = task.kind == TaskKind::kValidate;
     // The first task of a job has made it RUNNING.
     if (!task.job_id.empty() && live_.try_emplace(task.job_id).second)
       Publish(task.job_id, JobEvent::Kind::kState).IgnoreError();
@@ -586,6 +614,8 @@ absl::Status JobManagerOptions::Validate() const {
   };
   if (workers < 1) return bad("workers", workers, "> 0");
   if (default_threads < 1) return bad("default_threads", default_threads, "> 0");
+  if (max_threads < 1) return bad("max_threads", max_threads, "> 0");
+  if (max_sequence_pixels < 0) return bad("max_sequence_pixels", max_sequence_pixels, ">= 0 (0 = no limit)");
   if (child_memory_bytes < 0) return bad("child_memory_bytes", child_memory_bytes, ">= 0 (0 = no limit)");
   if (child_file_bytes < 0) return bad("child_file_bytes", child_file_bytes, ">= 0 (0 = no limit)");
   if (frame_renderers < 1) return bad("frame_renderers", frame_renderers, "> 0");

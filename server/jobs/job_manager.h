@@ -30,6 +30,10 @@ struct JobManagerOptions {
   std::string core_program;  // path of depthtween-core
   int workers = 1;           // tasks that run at the same time, > 0
   int default_threads = 1;   // of a child whose job leaves it to the server, > 0
+  int max_threads = 1024;    // that a job may ask for each of its children, > 0
+  // Of all frames of a sequence together; 0 = no limit. By default 48,000 full HD frames of each kind, whose validation
+  // takes about an hour of processor time.
+  int64_t max_sequence_pixels = 200'000'000'000;
   // A child beyond these fails its task; 0 = no limit.
   int64_t child_memory_bytes = int64_t{16} << 30;  // writable memory it maps, touched or not
   int64_t child_file_bytes = int64_t{4} << 30;     // size of any one file it writes
@@ -111,8 +115,9 @@ class JobManager {
   virtual void Wake() = 0;
 
   // As in Store; the view adds progress. Of job.renders only `options` is looked at: depthtween-core plans the rest.
-  // InvalidArgument names their field. FailedPrecondition (NO_SCENE_FLOW) when the sequence has no depth for every
-  // colour frame, or too few frames, and the job is to compute its scene flow.
+  // InvalidArgument names their field, or `job.threads` when that is more than max_threads. FailedPrecondition
+  // (NO_SCENE_FLOW) when the sequence has no depth for every colour frame, or too few frames, and the job is to compute
+  // its scene flow.
   virtual absl::StatusOr<JobView> Create(const Tenant& tenant, const NewJob& job, std::string_view request_id,
                                          bool validate_only) = 0;
   virtual absl::StatusOr<JobView> Get(const Tenant& tenant, std::string_view id) = 0;
@@ -148,6 +153,9 @@ class JobManager {
   // ones, Unavailable (SERVER_STOPPING), at once.
   virtual void StopErrands() = 0;
 
+  // Ends the validation of a sequence that has just been deleted: its process is gone within the grace and a moment.
+  // Returns at once.
+  virtual void StopValidation(std::string_view sequence_id) = 0;
   virtual ValidationProgress GetValidationProgress(std::string_view sequence_id) = 0;
   // How many tasks run at the same time.
   virtual int workers() const = 0;

@@ -150,8 +150,9 @@ absl::StatusOr<UploadRecord> UploadWriter::Finish() {
   return upload_;
 }
 
-Sequences::Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work)
-    : store_(store), blobs_(blobs), limits_(limits), on_work_(std::move(on_work)) {}
+Sequences::Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work,
+                     std::function<void(std::string_view id)> on_delete)
+    : store_(store), blobs_(blobs), limits_(limits), on_work_(std::move(on_work)), on_delete_(std::move(on_delete)) {}
 
 absl::StatusOr<SequenceRecord> Sequences::Create(const Tenant& tenant, std::string_view display_name,
                                                  std::string_view request_id) {
@@ -168,9 +169,12 @@ absl::StatusOr<Page<SequenceRecord>> Sequences::List(const Tenant& tenant, const
 }
 
 absl::Status Sequences::Delete(const Tenant& tenant, std::string_view id) {
-  return DeleteWithFiles(
-      absl::StrCat("sequences/", std::string(id)), [&] { return store_.DeleteSequence(tenant, id); },
-      [&] { return blobs_.Remove(id); });
+  const auto forget = [&]() -> absl::Status {
+    RETURN_IF_ERROR(store_.DeleteSequence(tenant, id));
+    if (on_delete_) on_delete_(id);
+    return absl::OkStatus();
+  };
+  return DeleteWithFiles(absl::StrCat("sequences/", std::string(id)), forget, [&] { return blobs_.Remove(id); });
 }
 
 absl::StatusOr<UploadRecord> Sequences::StartUpload(const Tenant& tenant, std::string_view sequence_id,

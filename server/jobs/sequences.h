@@ -72,8 +72,10 @@ class UploadWriter {
 // Threads: all methods may be called concurrently. Borrows the stores.
 class Sequences {
  public:
-  // `on_work` is called after a commit: there is a validation to do.
-  Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work);
+  // `on_work` is called after a commit: there is a validation to do. `on_delete` is called when a sequence is gone from
+  // the store, before its files are: its validation is to end. It may be empty.
+  Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work,
+            std::function<void(std::string_view id)> on_delete = nullptr);
 
   // As in Store.
   absl::StatusOr<SequenceRecord> Create(const Tenant& tenant, std::string_view display_name,
@@ -101,6 +103,7 @@ class Sequences {
   BlobStore& blobs_;
   const Limits limits_;
   const std::function<void()> on_work_;
+  const std::function<void(std::string_view id)> on_delete_;
   std::mutex mutex_;
   std::map<std::string, std::weak_ptr<UploadWriter::Turn>, std::less<>> turns_;  // guarded by mutex_; by upload id
 };

@@ -102,7 +102,10 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
     command.emplace_back(option);
     command.push_back(std::move(value));
   };
-  if (task.kind == TaskKind::kValidate) return command;
+  if (task.kind == TaskKind::kValidate) {
+    if (paths.max_pixels > 0) add("--max-pixels", absl::StrCat(paths.max_pixels));
+    return command;
+  }
   add("--options", paths.options);
   add("--threads", absl::StrCat(paths.threads));
   if (paths.keep_motion) command.emplace_back("--keep-motion");

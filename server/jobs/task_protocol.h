@@ -23,6 +23,7 @@ struct TaskPaths {
   // File that self-check wrote, for the report of assemble; empty if there was none.
   std::string self_check;
   int threads = 1;
+  int64_t max_pixels = 0;    // of validate: of all frames of the sequence together; 0: no limit
   bool keep_motion = false;  // between frames, for renders
 };
 // `render` names the render of a render task.

@@ -218,9 +218,11 @@ absl::StatusOr<TaskPaths> TaskRunner::WriteOrder(const Task& task, const JobReco
   TaskPaths paths = {.program = options_.core_program,
                      .sequence = directory_.SequenceFolder(task.sequence_id),
                      .options = folder + "/options.json",
-                     .constants = ConstantsFile(task.job_id)};
+                     .constants = ConstantsFile(task.job_id),
+                     .max_pixels = options_.max_sequence_pixels};
   if (task.kind == TaskKind::kValidate) return paths;
-  paths.threads = job.threads > 0 ? job.threads : options_.default_threads;
+  // A job that was made when more were allowed gets what is allowed now.
+  paths.threads = job.threads > 0 ? std::min(job.threads, options_.max_threads) : options_.default_threads;
   paths.keep_motion = NeedsMotion(job);
   RETURN_IF_ERROR(WriteScratchFile(paths.options, OrderJson(job.kind, job.options, job.renders)));
   switch (task.kind) {

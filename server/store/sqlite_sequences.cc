@@ -133,9 +133,6 @@ absl::StatusOr<Page<SequenceRecord>> SqliteStore::ListSequences(const Tenant& te
 absl::Status SqliteStore::DeleteSequence(const Tenant& tenant, std::string_view id) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const SequenceRecord record, ReadSequence(tenant, id));
-    if (record.state == SequenceState::kValidating) {
-      return WrongState(ToString(record.state), "the sequence is being validated; wait until it is READY or INVALID");
-    }
     std::string job;
     RETURN_IF_ERROR(database_->Run("SELECT id FROM jobs WHERE sequence_id = ? AND state IN (1, 2, 3) LIMIT 1", {id},
                                    [&job](const SqlRow& row) { job = row.Text(0); }));

@@ -51,7 +51,7 @@ class SqliteStore : public Store {
   absl::StatusOr<std::vector<FrameRecord>> JobFrames(const Tenant& tenant, std::string_view id, int first, int count,
                                                      int render) override;
 
-  absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) override;
+  absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size, ClaimValidations validations) override;
   absl::Status FinishValidation(int64_t task, const ValidationResult& result) override;
   absl::Status FinishSelfCheck(int64_t task, const SelfCheck& check) override;
   absl::Status FinishPrepare(int64_t task, const JobPlan& plan) override;

@@ -71,12 +71,21 @@ absl::Status SqliteStore::RemoveTask(int64_t number) {
   return database_->Run("DELETE FROM tasks WHERE number = ?", {number});
 }
 
-absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batch_size) {
+absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batch_size, ClaimValidations validations) {
   return Transact([&]() -> absl::StatusOr<std::optional<Task>> {
-    // Validations first: they are short, and somebody waits. Then the oldest job that has something to do.
+    // A validation, of the tenant that has fewest running.
+    int64_t validation = 0;
+    if (validations != ClaimValidations::kNone) {
+      RETURN_IF_ERROR(database_->Run(
+          "SELECT t.number FROM tasks t JOIN sequences s ON s.number = t.sequence WHERE t.running = 0 ORDER BY "
+          "(SELECT count(*) FROM tasks o JOIN sequences p ON p.number = o.sequence WHERE o.running = 1 AND p.tenant = "
+          "s.tenant), t.number LIMIT 1",
+          {}, [&validation](const SqlRow& row) { validation = row.Int64(0); }));
+    }
+    // Then the oldest job that has something to do.
     int64_t number = 0, job = 0;
     RETURN_IF_ERROR(database_->Run(
-        "SELECT number, coalesce(job, 0) AS of_job FROM tasks WHERE running = 0 ORDER BY of_job, number LIMIT 1", {},
+        "SELECT number, job FROM tasks WHERE running = 0 AND job IS NOT NULL ORDER BY job, number LIMIT 1", {},
         [&](const SqlRow& row) {
           number = row.Int64(0);
           job = row.Int64(1);
@@ -94,7 +103,11 @@ absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batc
                           "ORDER BY number LIMIT 1"));
     constexpr int64_t kNone = std::numeric_limits<int64_t>::max();
     const int64_t to_compute = job_with_intervals.value_or(kNone), to_render = job_with_pictures.value_or(kNone);
-    if (const int64_t oldest = std::min(to_compute, to_render); oldest != kNone && (number == 0 || oldest < job)) {
+    const int64_t oldest = std::min(to_compute, to_render);
+    const bool job_has_work = number != 0 || oldest != kNone;
+    if (validation != 0 && (validations == ClaimValidations::kFirst || !job_has_work)) {
+      number = validation;
+    } else if (oldest != kNone && (number == 0 || oldest < job)) {
       job = oldest;
       ASSIGN_OR_RETURN(const JobRecord record, ReadJob(job));
       if (to_render <= to_compute) {

@@ -45,6 +45,9 @@ struct JobFilter {
 // (kRender).
 using BatchSize = std::function<int(const JobRecord& job, TaskKind kind)>;
 
+// What ClaimTask does about validations: they go before jobs, they are taken when no job has work, or not at all.
+enum class ClaimValidations { kFirst, kLast, kNone };
+
 class Store {
  public:
   virtual ~Store() = default;
@@ -63,7 +66,8 @@ class Store {
   // Newest first. InvalidArgument for a token that is not of this list and filter.
   virtual absl::StatusOr<Page<SequenceRecord>> ListSequences(const Tenant& tenant, const SequenceFilter& filter,
                                                              const PageRequest& page) = 0;
-  // FailedPrecondition while validating or while a job that has not ended uses it.
+  // Also while it is being validated: the task is gone with it. FailedPrecondition while a job that has not ended uses
+  // it.
   virtual absl::Status DeleteSequence(const Tenant& tenant, std::string_view id) = 0;
 
   // ---- uploads ----
@@ -117,10 +121,12 @@ class Store {
   // All but ClaimTask take the task's number and return FailedPrecondition, changing nothing, when that attempt is no
   // longer the one that counts: its job failed, or it was released.
 
-  // The next piece of work, now running; nullopt when there is none. Validations go first, then jobs in their order.
+  // The next piece of work, now running; nullopt when there is none. Validations of the tenant that has fewest running
+  // go first unless `validations` says otherwise, then jobs in their order.
   // Batches of intervals are cut here: contiguous, unfinished, unclaimed. Intervals are rendered once the frames they
   // look at are finished, and before further ones are computed, so that pictures stream as depth does.
-  virtual absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size) = 0;
+  virtual absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size,
+                                                        ClaimValidations validations = ClaimValidations::kFirst) = 0;
   // The state of a validation: sequence kValidating -> kReady | kInvalid. Ends the task.
   virtual absl::Status FinishValidation(int64_t task, const ValidationResult& result) = 0;
   // What a self-check task measured. Ends the task and creates the job's prepare task.

@@ -148,6 +148,57 @@ TEST_F(SequenceFolderTest, NamesHugeHeaders) {
                   /*found_by_open=*/false);
 }
 
+// The header tells, so no pixel of it is decoded: the frame has none.
+TEST_F(SequenceFolderTest, NamesFramesLargerThanTheCamera) {
+  Put(Path("depth/000001.png"), PngHeader(9, 6, 16, 0));
+  ExpectViolation("depth/000001.png", StatusCode::kResourceExhausted,
+                  AllOf(HasSubstr("camera.json says 8 x 6"), HasSubstr("image is 9 x 6 pixels")),
+                  /*found_by_open=*/false);
+}
+
+// Six frames of 8 x 6 pixels.
+TEST_F(SequenceFolderTest, PixelsOfASequenceAreBounded) {
+  EXPECT_THAT(CheckSequenceFolder(dir(), {.max_pixels = 288})->violations, IsEmpty());
+  int decoded = 0;
+  const auto check =
+      CheckSequenceFolder(dir(), {.max_pixels = 287, .on_progress = [&](int checked, int) { decoded = checked; }});
+  ASSERT_THAT(check, IsOk());
+  ASSERT_EQ(check->violations.size(), 1U);
+  EXPECT_EQ(check->violations[0].file, "camera.json");
+  EXPECT_THAT(check->violations[0].status,
+              HasStatus(StatusCode::kResourceExhausted,
+                        HasSubstr("6 frames of 8 x 6 pixels are 288 pixels, at most 287 are allowed")));
+  EXPECT_EQ(decoded, 0);
+}
+
+// A thousand colour frames that are one small file: 64 megapixels of zeros, whose decoding takes a large part of a
+// second each. The answer comes from the camera and the lists.
+TEST_F(SequenceFolderTest, BombsAreRefusedUnopened) {
+  const std::string rows(8000 * (8000 / 8 + 1), '\0');  // 1-bit grey
+  const std::string bomb = PngFile(8000, 8000, 1, 0, rows);
+  EXPECT_LT(bomb.size(), 100'000U);
+  std::string list;
+  for (int i = 0; i < 1000; ++i) {
+    const std::string name = "rgb/bomb" + std::to_string(i) + ".png";
+    Put(Path(name), bomb);
+    list += std::to_string(i) + ".0 " + name + "\n";
+  }
+  Put(Path("rgb.txt"), list);
+  Camera camera = SmallCamera();
+  camera.width = camera.height = 8000;
+  camera.fx = camera.fy = 8000;
+  Put(Path("camera.json"), FormatCameraJson(camera, kDepthScale));
+  const auto check = CheckSequenceFolder(dir(), {.max_pixels = 10'000'000'000});
+  ASSERT_THAT(check, IsOk());
+  ASSERT_FALSE(check->ok());
+  EXPECT_THAT(std::string(check->violations[0].status.message()), HasSubstr("1002 frames of 8000 x 8000 pixels"));
+  // Without a camera each frame has its share, which is 10 megapixels.
+  std::filesystem::remove(Path("camera.json"));
+  const auto without = CheckSequenceFolder(dir(), {.max_pixels = 10'000'000'000});
+  ASSERT_THAT(without, IsOk());
+  EXPECT_EQ(without->violations.size(), 1001U) << "camera.json and each bomb";
+}
+
 TEST_F(SequenceFolderTest, NamesBadCameras) {
   WriteCamera("fx", 0);
   ExpectViolation("camera.json", StatusCode::kInvalidArgument, HasSubstr("camera.fx = 0, must be"));
@@ -155,6 +206,15 @@ TEST_F(SequenceFolderTest, NamesBadCameras) {
   ExpectViolation("camera.json", StatusCode::kInvalidArgument, HasSubstr("fx = null, must be a number"));
   WriteCamera("depth_scale", -1);
   ExpectViolation("camera.json", StatusCode::kInvalidArgument, HasSubstr("camera.depth_scale = -1"));
+  for (const double scale : {0.0, 1e-300, 1e300}) {
+    WriteCamera("depth_scale", scale);
+    ExpectViolation("camera.json", StatusCode::kInvalidArgument,
+                    AllOf(HasSubstr("camera.depth_scale = "), HasSubstr("must be 0.001 to 1e+09")));
+  }
+  Put(Path("camera.json"), R"({"width":8,"height":6,"fx":7,"fy":7,"cx":3,"cy":2,"depth_scale":NaN})");
+  ExpectViolation("camera.json", StatusCode::kInvalidArgument, HasSubstr("at or after field \"depth_scale\""));
+  Put(Path("camera.json"), R"({"width":8,"height":6,"fx":7,"fy":7,"cx":3,"cy":2,"depth_scale":1e999})");
+  ExpectViolation("camera.json", StatusCode::kInvalidArgument, HasSubstr("number too large"));
   WriteCamera("depth_camera", {{"width", 1}});
   ExpectViolation("camera.json", StatusCode::kInvalidArgument, HasSubstr("depth_camera"));
 }

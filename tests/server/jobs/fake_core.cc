@@ -13,6 +13,7 @@
 //   suspend KIND TIMES the same, but suspends itself (SIGSTOP)
 //   burn KIND          a task of that kind uses processor time for ever, and says so all the time
 //   slow_at I          takes a tenth of a second at interval I, in twenty steps that it tells of
+//   wait_validate      validate waits until the sequence folder has a file "go"
 //   ignore_term        ignores SIGTERM, and so does a process that it starts and leaves behind
 //   fill_at I          writes a file of 1 MiB at interval I, reporting RESOURCE_EXHAUSTED if it cannot
 //   lie_at I           says that interval I is done without writing its files
@@ -124,6 +125,8 @@ void Validate() {
     Die(SIGABRT);
   }
   Tell(R"({"checked":1,"of":2})");
+  Append(options["--sequence"] + "/log", "validate " + std::to_string(getpid()) + "\n");
+  while (script.count("wait_validate") > 0 && access((options["--sequence"] + "/go").c_str(), F_OK) != 0) usleep(1000);
   Tell("this is no JSON");
   const bool ok = script.count("invalid") == 0;
   printf(R"({"ok":%s,"violations":[%s],"warnings":["fake"],

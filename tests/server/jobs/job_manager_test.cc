@@ -75,6 +75,62 @@ TEST_F(JobManagerTest, ValidationThatCrashesLeavesAnInvalidSequenceAndAServerTha
   EXPECT_EQ(Ended(NewJobOn(ReadySequence())).record.state, JobState::kSucceeded);
 }
 
+// A deleted sequence needs no validation any more. What waits for its turn goes too.
+TEST_F(JobManagerTest, DeletingASequenceEndsItsValidation) {
+  Start(1, {.grace = absl::Milliseconds(300)});
+  const std::string running = CommittedSequence("wait_validate\nignore_term\n");
+  WaitUntil([&] { return Logged(running, "validate").size() == 1; });
+  const int process = Logged(running, "validate").front();
+  const std::string waiting = CommittedSequence("");
+  EXPECT_THAT(sequences_->Delete(kTenant, waiting), IsOk());
+  EXPECT_THAT(sequences_->Delete(kTenant, running), IsOk());
+  EXPECT_THAT(sequences_->Get(kTenant, running), HasCode(absl::StatusCode::kNotFound));
+  WaitUntil([&] { return !IsAlive(process); });
+  EXPECT_EQ(Ended(NewJobOn(ReadySequence())).record.state, JobState::kSucceeded) << "the worker is free";
+}
+
+TEST_F(JobManagerTest, ValidationsLeaveWorkersToJobs) {
+  Start(3);
+  const std::string ready = ReadySequence();
+  std::vector<std::string> validating;
+  for (int i = 0; i < 4; ++i) validating.push_back(CommittedSequence("wait_validate\n"));
+  const auto begun = [&] {
+    return std::count_if(validating.begin(), validating.end(),
+                         [&](const std::string& id) { return !Logged(id, "validate").empty(); });
+  };
+  WaitUntil([&] { return begun() == 1; });
+  EXPECT_EQ(Ended(NewJobOn(ready)).record.state, JobState::kSucceeded);
+  EXPECT_EQ(begun(), 1) << "of three workers one validates";
+  for (const std::string& id : validating) Go(id);
+  for (const std::string& id : validating) EXPECT_EQ(Validated(id).state, SequenceState::kReady);
+}
+
+// One worker: after each validation a task of a job, if there is one.
+TEST_F(JobManagerTest, OneWorkerTakesTurns) {
+  Start();
+  const std::string ready = ReadySequence();
+  const std::string first = CommittedSequence("wait_validate\n");
+  WaitUntil([&] { return !Logged(first, "validate").empty(); });
+  const std::string job = NewJobOn(ready), second = CommittedSequence("wait_validate\n");
+  Go(first);
+  WaitUntil([&] { return !Logged(second, "validate").empty(); });
+  EXPECT_EQ(View(job).record.intervals_total, 3) << "its prepare came in between";
+  EXPECT_EQ(View(job).record.intervals_done, 0);
+  Go(second);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+}
+
+TEST_F(JobManagerTest, ThreadsBeyondWhatTheOperatorGivesAreRefused) {
+  Start(1, {.max_threads = 4});
+  const std::string sequence = ReadySequence();
+  for (const bool validate_only : {true, false}) {
+    const auto refused = jobs_->Create(kTenant, {.sequence_id = sequence, .threads = 5}, "", validate_only);
+    EXPECT_THAT(refused, HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+    EXPECT_THAT(std::string(refused.status().message()), HasSubstr("job.threads = 5, must be at most 4"));
+  }
+  EXPECT_THAT(jobs_->Create(kTenant, {.sequence_id = sequence, .threads = 4}, "", false), IsOk());
+}
+
 TEST_F(JobManagerTest, CrashedChildIsTriedAgain) {
   Start();
   const std::string sequence = ReadySequence("crash_at 1 2\n");

@@ -46,9 +46,14 @@ class JobsFixture : public testing::Test {
     directory_ = Take(DataDirectory::Open(folder));
     store_ = Take(OpenSqliteStore(directory_->DatabaseFile(), limits_));
     blobs_ = MakeFolderBlobStore(*directory_);
-    sequences_ = std::make_unique<Sequences>(*store_, *blobs_, limits_, [this] {
-      if (jobs_) jobs_->Wake();
-    });
+    sequences_ = std::make_unique<Sequences>(
+        *store_, *blobs_, limits_,
+        [this] {
+          if (jobs_) jobs_->Wake();
+        },
+        [this](std::string_view id) {
+          if (jobs_) jobs_->StopValidation(id);
+        });
   }
   // Attempts follow one another at once unless not `hasty`.
   void StartJobs(int workers = 1, JobManagerOptions options = {}, bool hasty = true) {

@@ -15,6 +15,10 @@ TEST(TaskProtocol, CommandsAreThoseOfDepthtweenCore) {
   const TaskPaths paths = {.program = "core", .sequence = "S", .options = "O", .constants = "C", .out = "D"};
   EXPECT_THAT(TaskCommand({.kind = TaskKind::kValidate}, paths),
               ElementsAre("core", "task", "validate", "--sequence", "S", "--progress-fd", "3"));
+  EXPECT_THAT(
+      TaskCommand({.kind = TaskKind::kValidate}, {.program = "core", .sequence = "S", .max_pixels = 2'000'000'000'000}),
+      ElementsAre("core", "task", "validate", "--sequence", "S", "--progress-fd", "3", "--max-pixels",
+                  "2000000000000"));
   EXPECT_THAT(TaskCommand({.kind = TaskKind::kPrepare}, paths),
               ElementsAre("core", "task", "prepare", "--sequence", "S", "--progress-fd", "3", "--options", "O",
                           "--threads", "1", "--constants", "C"));

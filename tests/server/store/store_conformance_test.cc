@@ -221,10 +221,56 @@ TEST_P(StoreConformance, CommittedSequenceTakesNoMoreFiles) {
   EXPECT_EQ(Take(store().CommitSequence(kTenant, id)).state, SequenceState::kValidating);
   EXPECT_THAT(store().CreateUpload(kTenant, id, {{.path = "more"}}, kRoom, ""),
               HasCode(absl::StatusCode::kFailedPrecondition));
-  EXPECT_THAT(store().DeleteSequence(kTenant, id), HasCode(absl::StatusCode::kFailedPrecondition));
   // Committed twice, validated once.
   EXPECT_EQ(Claim().kind, TaskKind::kValidate);
   EXPECT_EQ(Claim().number, 0);
+}
+
+TEST_P(StoreConformance, DeletedWhileItIsValidated) {
+  const std::string waiting = UploadedSequence().id, running = UploadedSequence().id;
+  EXPECT_THAT(store().CommitSequence(kTenant, running), IsOk());
+  EXPECT_THAT(store().CommitSequence(kTenant, waiting), IsOk());
+  const Task task = Claim();
+  EXPECT_EQ(task.sequence_id, running);
+  EXPECT_THAT(store().DeleteSequence(kTenant, waiting), IsOk());
+  EXPECT_THAT(store().DeleteSequence(kTenant, running), IsOk());
+  EXPECT_THAT(store().GetSequence(kTenant, running), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(store().FinishValidation(task.number, {}), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().ReleaseTask(task.number), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_EQ(Claim().number, 0);
+}
+
+TEST_P(StoreConformance, ValidationsGoFirstLastOrNotAtAll) {
+  const std::string ready = ReadySequence().id, committed = UploadedSequence().id;
+  const auto claim = [&](ClaimValidations validations) {
+    const auto batch = [](const JobRecord&, TaskKind) { return 1; };
+    return Take(store().ClaimTask(batch, validations)).value_or(Task{});
+  };
+  EXPECT_THAT(store().CommitSequence(kTenant, committed), IsOk());
+  EXPECT_EQ(claim(ClaimValidations::kNone).number, 0);
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = ready}, "", false), IsOk());
+  EXPECT_EQ(claim(ClaimValidations::kLast).kind, TaskKind::kPrepare);
+  const Task last = claim(ClaimValidations::kLast);
+  EXPECT_EQ(last.kind, TaskKind::kValidate);
+  EXPECT_THAT(store().ReleaseTask(last.number), IsOk());
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = ready}, "", false), IsOk());
+  EXPECT_EQ(claim(ClaimValidations::kFirst).kind, TaskKind::kValidate);
+}
+
+// Of two tenants the one whose sequences came later, and all at once for the other.
+TEST_P(StoreConformance, TenantsTakeTurnsAtValidations) {
+  const Tenant other("other");
+  const auto committed = [&](const Tenant& tenant) {
+    const std::string id = Take(store().CreateSequence(tenant, "", "")).id;
+    const UploadRecord upload = Take(store().CreateUpload(tenant, id, {{.path = "empty"}}, kRoom, ""));
+    EXPECT_THAT(store().FinishUpload(upload.id), IsOk());
+    EXPECT_THAT(store().CommitSequence(tenant, id), IsOk());
+    return id;
+  };
+  const std::string first = committed(kTenant), second = committed(kTenant), theirs = committed(other);
+  EXPECT_EQ(Claim().sequence_id, first);
+  EXPECT_EQ(Claim().sequence_id, theirs);
+  EXPECT_EQ(Claim().sequence_id, second);
 }
 
 TEST_P(StoreConformance, ValidationIsKept) {
