@@ -20,6 +20,7 @@
 #include "core/base/parallel.h"
 #include "core/base/status.h"
 #include "core/io/file.h"
+#include "core/sandbox/sandbox.h"
 #include "server/access/guard.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/machine_memory.h"
@@ -155,6 +156,12 @@ absl::Status Serve(const ServeOptions& options) {
     LogWarning("open_to_everyone", {{"address", address},
                                     {"tls", options.rpc.tls.enabled() ? "yes" : "no"},
                                     {"tokens", guard->asks_for_tokens() ? "yes" : "no"}});
+  }
+
+  const SandboxSupport sandbox = SupportedSandbox();
+  if (!sandbox.system_calls || !sandbox.files) {
+    LogWarning("tasks are not shut in as they should be: this kernel lacks a part, or keeps it from this process",
+               {{"seccomp", sandbox.system_calls ? "yes" : "no"}, {"landlock", sandbox.files ? "yes" : "no"}});
   }
 
   const int signal_number = stop_signals.Wait();

@@ -5,12 +5,15 @@
 
 #include <csignal>
 #include <exception>
+#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <new>
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "core/io/file.h"
+#include "core/sandbox/sandbox.h"
 #include "core/session/tasks.h"
 #include "core/tools/commands.h"
 #include "core/tools/freed_memory.h"
@@ -26,23 +29,50 @@ absl::Status PrintValidation(const Task& task) {
   return std::cout ? absl::OkStatus() : absl::InternalError("cannot write the answer to stdout");
 }
 
-// Runs a task as a child should: it dies with its parent, stops when told or when nobody reads its progress, and
-// reports failure where its parent looks.
-int RunTask(const TaskArguments& arguments, int progress_fd, absl::Status (*run)(const Task&)) {
+// What a task writes: its answer, as a file, or frames and reports in a folder.
+enum class Writes { kNothing, kConstants, kFile, kFolder };
+
+absl::Status ShutIn(const TaskArguments& arguments, Writes writes) {
+  SandboxPaths paths{.read = {arguments.sequence, arguments.options}};
+  for (const std::string& path : {arguments.result, arguments.self_check}) {
+    if (!path.empty()) paths.read.push_back(path);
+  }
+  const auto folder_of = [](const std::string& file) {
+    const std::string folder = std::filesystem::path(file).parent_path();
+    return folder.empty() ? std::string(".") : folder;
+  };
+  if (writes == Writes::kConstants) {
+    paths.write.push_back(folder_of(arguments.constants));
+  } else if (!arguments.constants.empty()) {
+    paths.read.push_back(arguments.constants);
+  }
+  if (writes == Writes::kFile) paths.write.push_back(folder_of(arguments.out));
+  if (writes == Writes::kFolder) {
+    RETURN_IF_ERROR(MakeFolder(arguments.out));
+    paths.write.push_back(arguments.out);
+  }
+  return WithContext(EnterSandbox(paths), "shutting the task in");
+}
+
+// Runs a task as a child should: it shuts itself in, dies with its parent, stops when told or when nobody reads its
+// progress, and reports failure where its parent looks.
+int RunTask(const TaskArguments& arguments, int progress_fd, Writes writes, absl::Status (*run)(const Task&)) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   std::signal(SIGPIPE, SIG_IGN);
+  const absl::Status shut_in = ShutIn(arguments, writes);  // before there is a second thread
   StopOnSignals signals;
   ProgressPipe progress(progress_fd, [&] { signals.RequestStop(); });
   absl::Status status;
   try {
-    status = run({.arguments = arguments,
-                  .stop = signals.token(),
-                  .progress =
-                      [&](const nlohmann::json& line) {
-                        progress.Send(line);
-                        if (line.contains("interval_done")) ReturnFreedMemory();
-                      },
-                  .alive = [&] { progress.SendAlive(); }});
+    status = shut_in.ok() ? run({.arguments = arguments,
+                                 .stop = signals.token(),
+                                 .progress =
+                                     [&](const nlohmann::json& line) {
+                                       progress.Send(line);
+                                       if (line.contains("interval_done")) ReturnFreedMemory();
+                                     },
+                                 .alive = [&] { progress.SendAlive(); }})
+                          : shut_in;
   } catch (const std::bad_alloc&) {
     status = absl::ResourceExhaustedError("the task ran out of memory");
   } catch (const std::exception& error) {
@@ -66,13 +96,13 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
       "Example:  depthtween-core task validate --sequence recording\n");
   command->require_subcommand(1);
 
-  const auto add = [&](const char* name, const char* what, absl::Status (*run)(const Task&)) {
+  const auto add = [&](const char* name, const char* what, Writes writes, absl::Status (*run)(const Task&)) {
     CLI::App* const step = command->add_subcommand(name, what);
     step->add_option("--sequence", arguments->sequence, "Sequence folder to read")->required()->type_name("DIR");
     step->add_option("--progress-fd", *progress_fd, "Open file descriptor for progress, JSON lines")
         ->check(CLI::NonNegativeNumber)
         ->type_name("FD");
-    step->callback([=] { *exit_code = RunTask(*arguments, *progress_fd, run); });
+    step->callback([=] { *exit_code = RunTask(*arguments, *progress_fd, writes, run); });
     return step;
   };
   const auto add_options = [&](CLI::App* step) {
@@ -90,38 +120,38 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
     step->add_option("--out", arguments->out, "Result folder")->required()->type_name("DIR");
   };
 
-  CLI::App* const validate =
-      add("validate", "Decode every frame and print what is wrong, as JSON (exit code 0)", PrintValidation);
+  CLI::App* const validate = add("validate", "Decode every frame and print what is wrong, as JSON (exit code 0)",
+                                 Writes::kNothing, PrintValidation);
   AddThreads(*validate, arguments->threads);
   validate->add_option("--max-pixels", arguments->max_pixels, "Most pixels of all frames together (default: no limit)")
       ->check(CLI::PositiveNumber)
       ->type_name("N");
 
-  CLI::App* const prepare = add("prepare", "Decide what is decided once per clip", PrepareTask);
+  CLI::App* const prepare = add("prepare", "Decide what is decided once per clip", Writes::kConstants, PrepareTask);
   add_options(prepare);
   add_constants(prepare, "File to write: constants, intervals, frames");
 
-  CLI::App* const self_check =
-      add("self-check", "Measure on held-out depth frames how good the upsampling will be", SelfCheckTask);
+  CLI::App* const self_check = add("self-check", "Measure on held-out depth frames how good the upsampling will be",
+                                   Writes::kFile, SelfCheckTask);
   add_options(self_check);
   self_check->add_option("--out", arguments->out, "JSON file to write")->required()->type_name("FILE");
 
-  CLI::App* const intervals = add("intervals", "Compute some intervals", IntervalsTask);
+  CLI::App* const intervals = add("intervals", "Compute some intervals", Writes::kFolder, IntervalsTask);
   add_options(intervals);
   add_constants(intervals, "File that prepare wrote");
   intervals->add_option("--first", arguments->first, "First interval")->required()->type_name("I");
   intervals->add_option("--count", arguments->count, "How many intervals")->required()->type_name("N");
   add_out(intervals);
 
-  CLI::App* const plan =
-      add("plan", "Check an order against the recording, and say what its renders need and leave", PlanTask);
+  CLI::App* const plan = add("plan", "Check an order against the recording, and say what its renders need and leave",
+                             Writes::kFile, PlanTask);
   add_options(plan);
   plan->add_option("--out", arguments->out, "JSON file to write")->required()->type_name("FILE");
 
   const auto add_result = [&](CLI::App* step) {
     step->add_option("--result", arguments->result, "Result folder with finished frames")->required()->type_name("DIR");
   };
-  CLI::App* const render = add("render", "Render some intervals", RenderTask);
+  CLI::App* const render = add("render", "Render some intervals", Writes::kFolder, RenderTask);
   add_options(render);
   add_constants(render, "File that prepare wrote");
   add_result(render);
@@ -130,14 +160,16 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
   render->add_option("--count", arguments->count, "How many intervals")->required()->type_name("N");
   add_out(render);
 
-  CLI::App* const render_frame = add("render-frame", "Render one frame, by `render` of the options", RenderFrameTask);
+  CLI::App* const render_frame =
+      add("render-frame", "Render one frame, by `render` of the options", Writes::kFile, RenderFrameTask);
   add_options(render_frame);
   add_constants(render_frame, "File that prepare wrote");
   add_result(render_frame);
   render_frame->add_option("--frame", arguments->frame, "Which")->required()->type_name("N");
   render_frame->add_option("--out", arguments->out, "Picture to write")->required()->type_name("FILE");
 
-  CLI::App* const assemble = add("assemble", "End a result whose intervals are all there", AssembleTask);
+  CLI::App* const assemble =
+      add("assemble", "End a result whose intervals are all there", Writes::kFolder, AssembleTask);
   add_options(assemble);
   add_constants(assemble, "File that prepare wrote");
   add_out(assemble);

@@ -67,7 +67,7 @@ class Fd {
 // Everything the child needs between fork and exec, made before: there it may only make system calls, because another
 // thread may have held any lock, malloc's too.
 struct Launch {
-  std::vector<char*> arguments;
+  std::vector<char*> arguments, environment;
   int progress, output, error_output;
   pid_t parent;
   int64_t memory_bytes, file_bytes, cpu_seconds;
@@ -110,7 +110,9 @@ void Limit(__rlimit_resource resource, int64_t soft, int64_t hard) {
     close(fd);
   }
 
-  execv(launch.arguments[0], launch.arguments.data());
+  // What the child starts, should it ever, gains nothing by it.
+  prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
+  execve(launch.arguments[0], launch.arguments.data(), launch.environment.data());
   const char* const reason = strerrordesc_np(errno);
   if (write(STDERR_FILENO, reason, strlen(reason)) < 0) _exit(126);
   _exit(127);
@@ -169,6 +171,17 @@ std::string EndOfFile(const std::string& path) {
   return text;
 }
 
+// Nothing of ours: a variable may hold a secret, or change what a library does.
+std::vector<std::string> ChildEnvironment() {
+  std::vector<std::string> variables = {"LANG=C"};
+#ifdef DEPTHTWEEN_SANITIZED
+  for (const char* name : {"ASAN_OPTIONS", "LSAN_OPTIONS", "UBSAN_OPTIONS", "TSAN_OPTIONS", "LLVM_PROFILE_FILE"}) {
+    if (const char* const value = getenv(name); value != nullptr) variables.push_back(absl::StrCat(name, "=", value));
+  }
+#endif
+  return variables;
+}
+
 // A child that runs, as seen from here.
 struct Child {
   pid_t id = 0;
@@ -192,6 +205,7 @@ absl::StatusOr<Child> StartChild(const ChildSpec& spec) {
   // Only the reading end: the child expects writes to wait when the pipe is full.
   if (fcntl(child.progress.get(), F_SETFL, O_NONBLOCK) != 0) return ErrnoStatus(errno, "fcntl");
 
+  std::vector<std::string> environment = ChildEnvironment();
   Launch launch{.progress = pipe_in.get(),
                 .output = output.get(),
                 .error_output = error_output.get(),
@@ -201,6 +215,8 @@ absl::StatusOr<Child> StartChild(const ChildSpec& spec) {
                 .cpu_seconds = spec.cpu_seconds};
   for (const std::string& argument : spec.arguments) launch.arguments.push_back(const_cast<char*>(argument.c_str()));
   launch.arguments.push_back(nullptr);
+  for (std::string& variable : environment) launch.environment.push_back(variable.data());
+  launch.environment.push_back(nullptr);
   // dup2 in the child must not hit a descriptor that it still needs.
   std::vector<Fd> moved;
   for (int* const source : {&launch.progress, &launch.output, &launch.error_output}) {

@@ -36,7 +36,9 @@ struct ChildOutcome {
   std::string Describe() const;
 };
 
-// Runs a child in its own process group and returns when it has ended and every process of its group was killed.
+// Runs a child in its own process group and returns when it has ended and every process of its group was killed. It has
+// none of this process's environment, none of its descriptors but what `folder` and `on_line` are for, and never gains
+// privileges by what it starts.
 // `on_line` gets each line it writes to descriptor 3, on this thread; returning false ends the child. Lines beyond 64
 // KiB are cut. When `stop` fires: SIGTERM to the group, SIGKILL after the grace, which ends one that is suspended
 // (SIGSTOP) too. The child dies with the *thread* that called this (PR_SET_PDEATHSIG is bound to it), hence with this

@@ -11,6 +11,8 @@ import re
 MODULES = {
     "core/base": [],
     "core/geometry": ["core/base"],
+    # What a task gives up before it reads a stranger's file.
+    "core/sandbox": ["core/base"],
     "core/sequence": ["core/geometry"],
     # The one list of options. It knows no pixels: servers and clients may know it.
     "core/options": ["core/sequence"],
@@ -30,7 +32,7 @@ MODULES = {
     "core/synthetic": ["core/io"],
     "core/render": ["core/fill"],
     "core/session": ["core/api", "core/capture", "core/sceneflow", "core/metrics", "core/render", "core/io"],
-    "core/tools": ["core/session", "core/synthetic", "core/flags"],
+    "core/tools": ["core/session", "core/synthetic", "core/flags", "core/sandbox"],
     # Headers that both sides of the wire share; they know no generated type of ours.
     "proto/depthtween": [],
     # The server knows recordings as values and files, never the algorithms: those run in child processes.
@@ -39,7 +41,7 @@ MODULES = {
     "server/access": ["server/store", "server/telemetry"],
     "server/jobs": ["server/store", "server/telemetry"],
     "server/rpc": ["server/access", "server/jobs", "core/io"],
-    "server": ["server/rpc"],
+    "server": ["server/rpc", "core/sandbox"],
     "client/lib": ["proto/depthtween", "core/base"],
     "client/cli": ["client/lib", "core/flags"],
 }

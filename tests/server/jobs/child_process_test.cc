@@ -78,6 +78,13 @@ TEST_F(ChildProcessTest, HasNothingOfOurs) {
   EXPECT_EQ(lines_[1], "500");
 }
 
+TEST_F(ChildProcessTest, KnowsNothingOfOurEnvironment) {
+  ASSERT_EQ(setenv("DEPTHTWEEN_SECRET", "word", 1), 0);
+  EXPECT_EQ(Take(Run("tr '\\0' '\\n' < /proc/$$/environ >&3; grep NoNewPrivs /proc/$$/status >&3")).exit_code, 0);
+  unsetenv("DEPTHTWEEN_SECRET");
+  EXPECT_THAT(lines_, ElementsAre("LANG=C", "NoNewPrivs:\t1"));
+}
+
 TEST_F(ChildProcessTest, FileLimitHolds) {
   file_bytes_ = 1000;
   const ChildOutcome outcome = Take(Run("head -c 5000 /dev/zero"));
