@@ -73,7 +73,7 @@ const std::vector<OptionSpec>& StereoOptionSpecs() {
       Word(kEyes, "made", "--eye", "The eye that is made [left]", {"left", "right", "both"}),
       Number(kEyes, "divergence_percent", "--divergence", "PERCENT",
              "Disparity from the nearest to the farthest of the clip, percent of the width [2]"),
-      Number(kEyes, "baseline_m", "--baseline", "M", "Distance between the eyes, instead of --divergence"),
+      Number(kEyes, "baseline_m", "--baseline", "M", "Distance between the eyes, up to 100, instead of --divergence"),
       Number(kEyes, "convergence_m", "--convergence", "M", "Depth that appears on the screen [by the clip]"),
       Number(kEyes, "screen_width_m", "--screen-width", "M", "Width of the screen, for the comfort report [1]"),
       Number(kEyes, "viewing_distance_m", "--viewing-distance", "M",

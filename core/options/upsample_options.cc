@@ -17,6 +17,10 @@ using nlohmann::json;
 constexpr char kQuality[] = "Accuracy and time (method ours)";
 constexpr char kResearch[] = "For research";
 
+// More depth frames than this are in no recording that a server takes, and 2 x N must be a number too: a self-check
+// holds out every second key.
+constexpr int kMaxKeyEvery = 100'000;
+
 absl::Status CheckClock(std::string_view text) { return ParseClockChoice(text).status(); }
 
 const OptionMembers<UpsampleOptions>& UpsampleMembers() {
@@ -61,7 +65,7 @@ const OptionMembers<UpsampleOptions>& UpsampleMembers() {
                              .placeholder = "N",
                              .group = kResearch,
                              .min = 1,
-                             .max = std::numeric_limits<int>::max()})
+                             .max = kMaxKeyEvery})
         .Add<&O::without>(
             {.name = "without",
              .help = "Leave stages out, to learn what each is worth: names with commas between them, of " +

@@ -349,11 +349,16 @@ void Blacken(Image<Rgb8>& image, int first, int last) {
   for (int y = 0; y < image.height(); ++y) std::fill(image.row(y) + first, image.row(y) + last, Rgb8{});
 }
 
+// Twice what separates the eyes of a scene of mountains. What a clip allows is less and depends on its depths: see
+// ResolveStereo.
+constexpr double kMaxBaselineM = 100.0;
+
 }  // namespace
 
 absl::Status StereoOptions::Validate() const {
-  if (baseline_m && !(*baseline_m >= 0 && std::isfinite(*baseline_m)))
-    return absl::InvalidArgumentError(absl::StrFormat("baseline_m = %g, must be >= 0", *baseline_m));
+  if (baseline_m && !(*baseline_m >= 0 && *baseline_m <= kMaxBaselineM))
+    return absl::InvalidArgumentError(
+        absl::StrFormat("baseline_m = %g, must be 0 to %g metres", *baseline_m, kMaxBaselineM));
   if (!(divergence_percent > 0 && divergence_percent <= 20))
     return absl::InvalidArgumentError(
         absl::StrFormat("divergence_percent = %g, must be in (0, 20]", divergence_percent));

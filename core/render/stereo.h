@@ -34,7 +34,7 @@ enum class MadeEye { kLeft, kRight, kBoth };
 
 struct StereoOptions {
   MadeEye made = MadeEye::kLeft;
-  std::optional<double> baseline_m;     // >= 0; none: from `divergence_percent`
+  std::optional<double> baseline_m;     // 0 to 100; none: from `divergence_percent`
   double divergence_percent = 2.0;      // disparity between near_m and far_m, percent of the image width, (0, 20]
   std::optional<double> convergence_m;  // > 0, may be infinite; none: the median depth, or farther in front of the near
                                         // third of the disparity range if that leaves more in front of the screen

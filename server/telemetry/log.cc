@@ -44,16 +44,28 @@ spdlog::level::level_enum ToSpdlog(LogLevel level) {
 
 absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
 
+// A value may be as long as what a client sent, and a log must not grow by what anybody sends.
+constexpr size_t kMaxValueBytes = 1024;
+
+std::string Bounded(const std::string& value) {
+  if (value.size() <= kMaxValueBytes) return value;
+  // Not in the middle of a character: its further bytes are 10xxxxxx.
+  size_t end = kMaxValueBytes;
+  while (end > kMaxValueBytes - 4 && (static_cast<unsigned char>(value[end]) & 0xC0U) == 0x80U) --end;
+  return absl::StrCat(value.substr(0, end), "... (", value.size(), " bytes)");
+}
+
 std::string JsonLine(const std::string& time, const std::string& level, std::string_view event, LogFields fields) {
   nlohmann::ordered_json line = {{"time", time}, {"level", level}, {"event", event}};
-  for (const auto& [name, value] : fields) line[std::string(name)] = value;
+  for (const auto& [name, value] : fields) line[std::string(name)] = Bounded(value);
   // Values may quote what clients sent, which need not be UTF-8.
   return line.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
 std::string TextLine(const std::string& time, const std::string& level, std::string_view event, LogFields fields) {
   std::string line = absl::StrCat(time, " ", level, " ", View(event));
-  for (const auto& [name, value] : fields) {
+  for (const auto& [name, whole] : fields) {
+    const std::string value = Bounded(whole);
     const bool plain = !value.empty() &&
                        std::all_of(value.begin(), value.end(), [](char c) { return c > ' ' && c < 127 && c != '"'; });
     absl::StrAppend(&line, " ", View(name), "=",

@@ -21,7 +21,8 @@ void ConfigureLog(const LogOptions& options);
 using LogFields = std::initializer_list<std::pair<std::string_view, std::string>>;
 
 // LogInfo("task_started", {{"task", "12"}, {"job", id}}) writes: ... task_started task=12 job=... Values with blanks or
-// control characters are quoted and escaped. Threads: may be called concurrently.
+// control characters are quoted and escaped; of a long one the first 1024 bytes are written, and how many there were.
+// Threads: may be called concurrently.
 void Log(LogLevel level, std::string_view event, LogFields fields = {});
 inline void LogInfo(std::string_view event, LogFields fields = {}) { Log(LogLevel::kInfo, event, fields); }
 inline void LogWarning(std::string_view event, LogFields fields = {}) { Log(LogLevel::kWarning, event, fields); }

@@ -22,7 +22,8 @@ TEST(UpsampleOptions, WrongOnesAreNamed) {
   const auto message = [](const char* document) { return std::string(StatusOf(document).message()); };
   EXPECT_THAT(message(R"({"method":"magic"})"), HasSubstr("options.method = \"magic\", must be one of: ours, hold"));
   EXPECT_THAT(message(R"({"method":3})"), HasSubstr("options.method = 3, must be one of"));
-  EXPECT_THAT(message(R"({"key_every":0})"), HasSubstr("options.key_every = 0, must be at least 1"));
+  EXPECT_THAT(message(R"({"key_every":0})"), HasSubstr("options.key_every = 0, must be 1 to 100000"));
+  EXPECT_THAT(message(R"({"key_every":2147483647})"), HasSubstr("options.key_every = 2147483647, must be 1 to 100000"));
   EXPECT_THAT(message(R"({"key_every":1.5})"), HasSubstr("options.key_every = 1.5, must be a whole number"));
   EXPECT_THAT(message(R"({"key_every":4294967297})"), HasSubstr("options.key_every = 4294967297"));
   EXPECT_THAT(message(R"({"causal":1})"), HasSubstr("options.causal = 1, must be true or false"));

@@ -285,6 +285,8 @@ TEST(ResolveStereo, NamesTheField) {
     return std::string(geometry.status().message());
   };
   EXPECT_THAT(message({.baseline_m = -0.1}), testing::HasSubstr("baseline_m = -0.1"));
+  EXPECT_THAT(message({.baseline_m = 1e9}), testing::HasSubstr("baseline_m = 1e+09, must be 0 to 100 metres"));
+  EXPECT_FALSE(StereoOptions{.baseline_m = 1e9}.Validate().ok()) << "it needs no clip to be wrong";
   EXPECT_THAT(message({.baseline_m = 20.0}), testing::HasSubstr("baseline_m = 20"));
   EXPECT_THAT(message({.divergence_percent = 0.0}), testing::HasSubstr("divergence_percent = 0"));
   EXPECT_THAT(message({.divergence_percent = std::nan("")}), testing::HasSubstr("divergence_percent"));

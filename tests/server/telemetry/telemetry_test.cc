@@ -34,6 +34,22 @@ TEST_F(LogTest, TextIsOneLineThatCannotBeForged) {
   EXPECT_EQ(std::count(line.begin(), line.end(), '\n'), 1);
 }
 
+TEST_F(LogTest, LongValuesAreCut) {
+  const std::string text = LineOf([] { LogInfo("call", {{"why", std::string(5'000'000, 'x')}, {"job", "12"}}); });
+  EXPECT_LT(text.size(), 1200U);
+  EXPECT_THAT(text, testing::EndsWith("x... (5000000 bytes)\" job=12\n"));
+  ConfigureLog({.json = true});
+  // Two bytes a letter, the first of them at 1023.
+  const std::string json = LineOf([] {
+    std::string letters = "x";
+    for (int i = 0; i < 1000; ++i) letters += "\xc3\xa4";
+    LogInfo("call", {{"why", letters}});
+  });
+  const std::string why = nlohmann::json::parse(json).at("why");
+  EXPECT_THAT(why, testing::EndsWith("\xc3\xa4... (2001 bytes)"));
+  EXPECT_THAT(why, testing::Not(testing::HasSubstr("\xef\xbf\xbd")));
+}
+
 TEST_F(LogTest, JsonIsOneObjectALine) {
   ConfigureLog({.level = LogLevel::kWarning, .json = true});
   const std::string line = LineOf([] {
