@@ -77,7 +77,7 @@ class Manager : public JobManager {
       for (auto& [number, running] : running_) running.stop.request_stop();
     }
     workers_.clear();
-    // So that a failure counts whoever runs the next attempt. Without it the next start releases the task.
+    // So that a failure counts after the next start too, which would else release the task without blame.
     for (const Postponed& end : postponed_) RecordOutcome(end.task, end.outcome).IgnoreError();
   }
 
