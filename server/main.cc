@@ -1,5 +1,6 @@
 // depthtween-server: flags -> options, signals, order of starting and stopping.
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <CLI/CLI.hpp>
@@ -53,6 +54,7 @@ struct ServeOptions {
   std::string data_dir;
   int quarantine_days = 7;
   std::string port_file;
+  double drain_s = 10;
   RpcServerOptions rpc;
   GuardOptions guard;
   JobManagerOptions jobs;
@@ -109,8 +111,18 @@ std::string BoundAddress(const RpcServerOptions& options, int port) {
   return absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
 }
 
+// Connections, streams and children all need descriptors; the usual soft limit of 1,024 is there for select(), which
+// nothing here uses.
+void RaiseFileLimit() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur == limit.rlim_max) return;
+  limit.rlim_cur = limit.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 absl::Status Serve(const ServeOptions& options) {
   const StopSignals stop_signals;
+  RaiseFileLimit();
   umask(0077);  // recordings are nobody else's to read
   ConfigureLog(options.log);
   absl::StatusOr<std::unique_ptr<Guard>> opened = Guard::Open(options.guard);
@@ -166,6 +178,9 @@ absl::Status Serve(const ServeOptions& options) {
 
   const int signal_number = stop_signals.Wait();
   LogInfo("stopping", {{"signal", strsignal(signal_number)}});
+  // Not ready, so that nobody sends more; what runs may come to its end, the rest goes on after the next start.
+  health.StopServing();
+  jobs->Drain(absl::Seconds(options.drain_s));
   jobs->StopErrands();  // calls that wait for a child must not outlast the patience
   server->Stop(kStopPatience);
   return absl::OkStatus();  // the destructors end the children and close the store
@@ -184,6 +199,14 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
                    "database was restored from a backup")
       ->check(AtLeast(0))
       ->type_name("DAYS")
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--drain-seconds", options.drain_s,
+          "At SIGTERM, how long to let running tasks come to their end before they are stopped; what they have "
+          "not finished goes on after the next start. A second signal ends the server at once")
+      ->check(AtLeast(0))
+      ->type_name("N")
       ->capture_default_str();
   command->add_option("--listen", options.rpc.listen, "HOST:PORT (port 0: any free one) or unix:PATH")
       ->capture_default_str();

@@ -108,8 +108,10 @@ class Manager : public JobManager {
     errands_.Stop();
   }
   void StopValidation(std::string_view sequence_id) override;
+  void Drain(absl::Duration patience) override;
   ValidationProgress GetValidationProgress(std::string_view sequence_id) override;
   int workers() const override { return options_.workers; }
+  absl::StatusOr<Gauges> Measure() override;
 
  private:
   // What is known of a job only while it runs.
@@ -177,6 +179,7 @@ class Manager : public JobManager {
   int64_t wakes_ = 0;                                                   // guarded by changes_
   absl::Time begin_nothing_before_ = absl::InfinitePast();              // guarded by changes_: the disk was full
   absl::Time next_disk_alarm_ = absl::InfinitePast();                   // guarded by changes_
+  bool draining_ = false;                                               // guarded by changes_: nothing is begun
   bool validated_last_ = false;                                         // guarded by changes_: what was claimed last
   std::vector<Postponed> postponed_;                                    // guarded by changes_
   std::minstd_rand random_{std::random_device{}()};                     // guarded by changes_
@@ -392,6 +395,24 @@ ValidationProgress Manager::GetValidationProgress(std::string_view sequence_id) 
   return found == validations_.end() ? ValidationProgress{} : found->second;
 }
 
+void Manager::Drain(absl::Duration patience) {
+  std::unique_lock lock(changes_);
+  draining_ = true;
+  // Tasks that end wake all who wait for work_.
+  work_.wait_for(lock, absl::ToChronoNanoseconds(patience), [this] { return running_.empty(); });
+}
+
+absl::StatusOr<Gauges> Manager::Measure() {
+  ASSIGN_OR_RETURN(const std::vector<Store::JobCount> counts, store_.CountJobs());
+  Gauges gauges = {.workers = options_.workers, .free_disk_bytes = directory_.FreeBytes().value_or(-1)};
+  for (const Store::JobCount& entry : counts) {
+    gauges.jobs[{entry.tenant, std::string(ToString(entry.state))}] = entry.count;
+  }
+  const std::lock_guard lock(changes_);
+  gauges.busy_workers = static_cast<int>(running_.size());
+  return gauges;
+}
+
 void Manager::Work(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     if (const std::optional<Task> task = ClaimOrWait(stop)) RunTask(*task, stop);
@@ -428,6 +449,10 @@ ClaimValidations Manager::ValidationsAllowed() const {
 std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   std::unique_lock lock(changes_);
   if (stop.stop_requested()) return std::nullopt;
+  if (draining_) {
+    work_.wait(lock, stop, [] { return false; });
+    return std::nullopt;
+  }
   if (!DiskHasRoom()) {
     work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
     return std::nullopt;
@@ -443,8 +468,10 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
     running.sequence_id = task.sequence_id;
     validated_last_ = task.kind == TaskKind::kValidate;
     // The first task of a job has made it RUNNING.
-    if (!task.job_id.empty() && live_.try_emplace(task.job_id).second)
-      Publish(task.job_id, JobEvent::Kind::kState).IgnoreError();
+    if (!task.job_id.empty() && live_.try_emplace(task.job_id).second) {
+      const absl::StatusOr<JobView> job = Publish(task.job_id, JobEvent::Kind::kState);
+      if (job.ok()) ObserveQueueWait(absl::ToDoubleSeconds(job->record.start_time - job->record.create_time));
+    }
     return *claimed;
   }
   const int64_t seen = wakes_;
@@ -487,12 +514,22 @@ void Manager::RunTask(const Task& task, const std::stop_token& stop) {
                                  },
                              .on_interval = [&](const PlannedInterval& interval,
                                                 double seconds) { return OnInterval(task, interval, seconds); }};
+  const absl::Time start = absl::Now();
   TaskOutcome outcome =
       job.ok() ? runner_.Run(task, *job, task_stop, events) : TaskOutcome{.error = job.status(), .retry = true};
   if (!outcome.stopped && RanOutOfSpace(outcome.error)) {
     outcome.stopped = true;  // given back: it is nobody's fault
     const std::lock_guard lock(changes_);
     begin_nothing_before_ = absl::Now() + options_.full_disk_pause;
+  }
+  const std::string_view kind = ToString(task.kind);
+  CountTask(kind,
+            outcome.stopped      ? "stopped"
+            : outcome.error.ok() ? "done"
+                                 : "failed",
+            absl::ToDoubleSeconds(absl::Now() - start));
+  if (!outcome.stopped && !outcome.error.ok()) {
+    CountTaskFailure(kind, absl::StatusCodeToString(outcome.error.code()));
   }
   Log(outcome.error.ok() || outcome.stopped ? LogLevel::kInfo : LogLevel::kWarning, "task ended",
       {{"task", absl::StrCat(task.number)}, {"job", task.job_id}, {"status", Words(outcome.error)}});
@@ -535,6 +572,7 @@ absl::Status Manager::OnInterval(const Task& task, const PlannedInterval& interv
     const std::string render = task.kind == TaskKind::kRender ? record.renders[task.render].name : std::string();
     hub_.Publish(JobEvent::Kind::kFramesReady, View(std::move(record)), interval.first_frame, interval.frame_count,
                  render);
+    CountFrames(render.empty() ? "depth" : "render", interval.frame_count);
   }
   // What was computed can be rendered now.
   if (task.kind == TaskKind::kIntervals) Wake();

@@ -23,6 +23,7 @@
 #include "server/jobs/watch.h"
 #include "server/store/data_directory.h"
 #include "server/store/store.h"
+#include "server/telemetry/metrics.h"
 
 namespace depthtween::server {
 
@@ -156,9 +157,15 @@ class JobManager {
   // Ends the validation of a sequence that has just been deleted: its process is gone within the grace and a moment.
   // Returns at once.
   virtual void StopValidation(std::string_view sequence_id) = 0;
+  // Begins no work any more. Returns when no task runs, or after `patience`. Everything else goes on: results are read,
+  // jobs made and watched.
+  virtual void Drain(absl::Duration patience) = 0;
+
   virtual ValidationProgress GetValidationProgress(std::string_view sequence_id) = 0;
   // How many tasks run at the same time.
   virtual int workers() const = 0;
+  // What there is to say of jobs, workers and the disk now; `ready` is left to the caller.
+  virtual absl::StatusOr<Gauges> Measure() = 0;
 };
 
 }  // namespace depthtween::server

@@ -7,6 +7,7 @@
 #include "proto/depthtween/crc32c.h"
 #include "server/jobs/deletion.h"
 #include "server/store/error_info.h"
+#include "server/telemetry/metrics.h"
 
 namespace depthtween::server {
 
@@ -127,6 +128,7 @@ absl::Status UploadWriter::Flush() {
   touched_ = false;
   if (written_ == upload_.committed_size) return absl::OkStatus();
   RETURN_IF_ERROR(sequences_.store_.SetCommittedSize(upload_.id, written_));
+  CountBytes("in", written_ - upload_.committed_size);
   upload_.committed_size = written_;
   return absl::OkStatus();
 }

@@ -13,7 +13,8 @@
 namespace depthtween::server {
 
 // Borrows everything but `limits`.
-std::unique_ptr<grpc::Service> MakeAdminService(CallRuntime& runtime, JobManager& jobs, const Limits& limits);
+std::unique_ptr<grpc::Service> MakeAdminService(CallRuntime& runtime, JobManager& jobs, const Health& health,
+                                                const Limits& limits);
 
 }  // namespace depthtween::server
 

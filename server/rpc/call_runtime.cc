@@ -12,6 +12,7 @@
 #include "absl/time/clock.h"
 #include "server/rpc/method_rules.h"
 #include "server/telemetry/log.h"
+#include "server/telemetry/metrics.h"
 #include "server/telemetry/request_id.h"
 
 namespace depthtween::server {
@@ -178,6 +179,7 @@ grpc::Status Call::Answer(const absl::Status& status) const {
        {"token", caller_.token_id},
        {"peer", peer_},
        {"detail", std::string(status.message())}});
+  CountCall(method_, absl::StatusCodeToString(status.code()), absl::ToDoubleSeconds(absl::Now() - start_));
   if (scope_ && *scope_ != Scope::kRead) {
     LogInfo("audit", {{"method", method_},
                       {"subject", names_.subject},

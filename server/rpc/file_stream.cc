@@ -12,6 +12,7 @@
 #include "server/rpc/encode.h"
 #include "server/rpc/status.h"
 #include "server/store/error_info.h"
+#include "server/telemetry/metrics.h"
 
 namespace depthtween::server {
 namespace {
@@ -47,6 +48,7 @@ absl::StatusOr<FileStream::Next> FileStream::Produce() {
   chunk.set_crc32c(Crc32c(data));
   chunk.set_size_bytes(size_bytes_);
   position_ += count;
+  CountBytes("out", count);
   return Next::kMessage;
 }
 

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "proto/depthtween/crc32c.h"
+#include "server/telemetry/metrics.h"
 
 namespace depthtween::server {
 namespace {
@@ -37,6 +38,7 @@ void FrameChunks::Fill(v1::FrameChunk& chunk) {
   chunk.set_frame(frame_);
   chunk.set_offset(static_cast<int64_t>(sent_));
   chunk.set_data(data.data(), data.size());
+  CountBytes("out", static_cast<int64_t>(data.size()));
   chunk.set_crc32c(Crc32c(data));
   sent_ += data.size();
   if (empty()) {

@@ -103,7 +103,7 @@ absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptio
   result->services_.push_back(MakeSequenceService(runtime, sequences, jobs, limits));
   result->services_.push_back(MakeJobService(runtime, jobs, limits, options.watch_heartbeat));
   result->services_.push_back(MakeOutputService(runtime, jobs, guard, options.frame_memory_bytes));
-  result->services_.push_back(MakeAdminService(runtime, jobs, limits));
+  result->services_.push_back(MakeAdminService(runtime, jobs, health, limits));
   result->services_.push_back(MakeHealthService(runtime, health));
 
   grpc::ServerBuilder builder;

@@ -243,6 +243,17 @@ absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const Tenant& tenant, cons
   });
 }
 
+absl::StatusOr<std::vector<Store::JobCount>> SqliteStore::CountJobs() {
+  return Read([&]() -> absl::StatusOr<std::vector<JobCount>> {
+    std::vector<JobCount> counts;
+    RETURN_IF_ERROR(database_->Run(
+        "SELECT tenant, state, count(*) FROM jobs GROUP BY tenant, state", {}, [&counts](const SqlRow& row) {
+          counts.push_back({.tenant = row.Text(0), .state = static_cast<JobState>(row.Int(1)), .count = row.Int(2)});
+        }));
+    return counts;
+  });
+}
+
 absl::Status SqliteStore::DeleteJob(const Tenant& tenant, std::string_view id) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, id));

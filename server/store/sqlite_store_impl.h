@@ -9,9 +9,13 @@
 #include <string_view>
 #include <vector>
 
+#include "absl/cleanup/cleanup.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "server/store/limits.h"
 #include "server/store/sqlite.h"
 #include "server/store/store.h"
+#include "server/telemetry/metrics.h"
 
 namespace depthtween::server {
 
@@ -44,6 +48,7 @@ class SqliteStore : public Store {
   absl::StatusOr<JobRecord> GetJob(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<Page<JobRecord>> ListJobs(const Tenant& tenant, const JobFilter& filter,
                                            const PageRequest& page) override;
+  absl::StatusOr<std::vector<JobCount>> CountJobs() override;
   absl::Status DeleteJob(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<JobRecord> CancelJob(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<JobRecord> RetryJob(const Tenant& tenant, std::string_view id) override;
@@ -77,6 +82,8 @@ class SqliteStore : public Store {
   // One transaction under the mutex.
   template <typename Body>
   auto Transact(const Body& body) {
+    const absl::Time start = absl::Now();
+    const auto measure = absl::MakeCleanup([start] { ObserveStoreWrite(absl::ToDoubleSeconds(absl::Now() - start)); });
     const std::lock_guard lock(mutex_);
     return database_->Transact(body);
   }

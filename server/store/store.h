@@ -100,6 +100,13 @@ class Store {
   // Newest first. InvalidArgument for a token that is not of this list and filter.
   virtual absl::StatusOr<Page<JobRecord>> ListJobs(const Tenant& tenant, const JobFilter& filter,
                                                    const PageRequest& page) = 0;
+  // How many jobs there are of every tenant in every state; none of 0.
+  struct JobCount {
+    std::string tenant;
+    JobState state;
+    int count;
+  };
+  virtual absl::StatusOr<std::vector<JobCount>> CountJobs() = 0;
   // FailedPrecondition unless it has ended.
   virtual absl::Status DeleteJob(const Tenant& tenant, std::string_view id) = 0;
   // kQueued -> kCancelled, kRunning -> kCancelling (kCancelled when no task of it is running). No task of it starts any

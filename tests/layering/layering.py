@@ -37,7 +37,7 @@ MODULES = {
     "proto/depthtween": [],
     # The server knows recordings as values and files, never the algorithms: those run in child processes.
     "server/telemetry": [],
-    "server/store": ["core/options", "proto/depthtween"],
+    "server/store": ["core/options", "proto/depthtween", "server/telemetry"],
     "server/access": ["server/store", "server/telemetry"],
     "server/jobs": ["server/store", "server/telemetry"],
     "server/rpc": ["server/access", "server/jobs", "core/io"],
@@ -55,6 +55,7 @@ EXTERNAL = [
     ("OpenCV", r"opencv2/", r"opencv_", ["core/flow", "core/baselines", "core/api", "core/session"]),
     ("the codecs of libav", r"libav|libsw", r"PkgConfig::LIBAV", ["core/io"]),
     ("CLI11", r"CLI/", r"CLI11::", ["core/flags", "core/tools", "server", "client/cli"]),
+    ("prometheus-cpp", r"prometheus/", r"prometheus_core", ["server/telemetry", "server/rpc"]),
     ("spdlog", r"spdlog/", r"spdlog::", ["server/telemetry", "server/rpc"]),
     ("GoogleTest", r"g(test|mock)/", r"GTest::", []),
 ]

@@ -339,6 +339,27 @@ TEST_F(JobManagerTest, StoppedServerGivesItsWorkBack) {
   EXPECT_THAT(Logged(sequence, "interval"), ElementsAre(0, 1, 2));
 }
 
+// Drain waits for the task at work, and no other begins; the manager that starts next does the rest.
+TEST_F(JobManagerTest, DrainLetsTheTaskAtWorkEndAndBeginsNoOther) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 0\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] { return View(job).record.intervals_total > 0 && Take(jobs_->Measure()).busy_workers == 1; });
+  {
+    std::jthread drain([&] { jobs_->Drain(absl::Minutes(4)); });
+    Go(sequence);
+  }
+  EXPECT_EQ(Take(jobs_->Measure()).busy_workers, 0);
+  EXPECT_GT(View(job).record.intervals_done, 0) << "what was at work came to its end";
+  const std::string later = NewJobOn(sequence);
+  jobs_->Drain(absl::Milliseconds(50));
+  EXPECT_EQ(State(later), JobState::kQueued);
+  Close();
+  Start();
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  EXPECT_EQ(Ended(later).record.state, JobState::kSucceeded);
+}
+
 // kill -9 in the middle of a batch: what was recorded is not computed again, what was not is; and the children are
 // gone.
 TEST_F(JobManagerTest, KilledServerResumesWithWhatIsUnfinished) {

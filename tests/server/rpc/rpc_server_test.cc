@@ -155,7 +155,7 @@ TEST_F(RpcServerTest, EveryMethodAnswersAnEmptyRequest) {
       EXPECT_TRUE(Detail<google::rpc::BadRequest>(status).has_value()) << method;
     }
   }
-  EXPECT_EQ(methods, 8 + 7 + 5 + 1 + 2);
+  EXPECT_EQ(methods, 8 + 7 + 5 + 2 + 2);
 }
 
 TEST_F(RpcServerTest, GarbageIsRefusedAndTheServerGoesOn) {
@@ -319,6 +319,19 @@ TEST_F(RpcServerTest, StoppingDoesNotWaitForReadersThatDoNotRead) {
   while (reader->Read(&chunk)) {
   }
   EXPECT_FALSE(reader->Finish().ok());
+}
+
+// What the metrics say of jobs is what was made here; calls are at least those that this test made.
+TEST_F(RpcServerTest, MetricsTellOfJobsAndCalls) {
+  const v1::Job job = CreateJob(ReadySequence());
+  WaitUntilEnded(job.name());
+  grpc::ClientContext context;
+  v1::Metrics metrics;
+  ASSERT_THAT(v1::AdminService::NewStub(channel())->GetMetrics(&context, {}, &metrics), Succeeds());
+  EXPECT_THAT(metrics.text(), testing::HasSubstr("depthtween_jobs{state=\"SUCCEEDED\",tenant=\"default\"} 1\n"));
+  EXPECT_THAT(metrics.text(), testing::HasSubstr("depthtween_calls_total{code=\"OK\",method=\"CreateJob\"}"));
+  EXPECT_THAT(metrics.text(), testing::HasSubstr("depthtween_ready 1\n"));
+  EXPECT_THAT(metrics.text(), testing::HasSubstr("depthtween_store_write_seconds_count"));
 }
 
 TEST_F(RpcServerTest, TwoServersCannotShareAPort) {

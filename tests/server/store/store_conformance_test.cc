@@ -1044,6 +1044,18 @@ TEST_P(StoreConformance, TenantsShareNeitherRequestIdsNorPageTokens) {
               HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
 }
 
+TEST_P(StoreConformance, JobsAreCountedByTenantAndState) {
+  EXPECT_THAT(Take(store().CountJobs()), IsEmpty());
+  const JobRecord running = PreparedJob(1);
+  for (int i = 0; i < 2; ++i) Take(store().CreateJob(kTenant, {.sequence_id = running.sequence_id}, "", false));
+  std::map<JobState, int> counts;
+  for (const Store::JobCount& entry : Take(store().CountJobs())) {
+    EXPECT_EQ(entry.tenant, kTenant.name());
+    counts[entry.state] = entry.count;
+  }
+  EXPECT_EQ(counts, (std::map<JobState, int>{{JobState::kQueued, 2}, {JobState::kRunning, 1}}));
+}
+
 // What nobody owns could be seen by nobody.
 TEST_P(StoreConformance, NothingIsMadeWithoutAnOwner) {
   EXPECT_THAT(store().CreateSequence(Tenant::Everyone(), "", ""), HasCode(absl::StatusCode::kInternal));
