@@ -11,6 +11,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -23,6 +24,7 @@
 #include "core/io/file.h"
 #include "core/sandbox/sandbox.h"
 #include "server/access/guard.h"
+#include "server/data_commands.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/machine_memory.h"
 #include "server/jobs/sequences.h"
@@ -378,6 +380,7 @@ int Main(int argc, char** argv) {
   AddHealthCheckCommand(app, health_check);
   TokenOptions token;
   const CLI::App* token_command = AddTokenCommand(app, token);
+  const DataCommands data_commands(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -386,10 +389,15 @@ int Main(int argc, char** argv) {
 
   absl::Status status;
   try {
-    status = app.got_subcommand("serve") ? Serve(serve)
-             : app.got_subcommand("token")
-                 ? RunTokenCommand(*token_command, token)
-                 : CheckHealth(health_check.server, health_check.tls_ca, absl::Seconds(health_check.timeout_s));
+    if (app.got_subcommand("serve")) {
+      status = Serve(serve);
+    } else if (app.got_subcommand("token")) {
+      status = RunTokenCommand(*token_command, token);
+    } else if (std::optional<absl::Status> done = data_commands.Run()) {
+      status = *std::move(done);
+    } else {
+      status = CheckHealth(health_check.server, health_check.tls_ca, absl::Seconds(health_check.timeout_s));
+    }
   } catch (const std::exception& error) {
     status = absl::InternalError(absl::StrCat("unexpected failure, please report it: ", error.what()));
   }

@@ -34,7 +34,6 @@ std::string ReadShortFile(int fd) {
   return size <= 0 ? std::string() : std::string(absl::StripAsciiWhitespace({text.data(), static_cast<size_t>(size)}));
 }
 
-constexpr char kMarker[] = "/depthtween-data";
 constexpr char kMarkerTitle[] = "depthtween data folder";
 constexpr char kQuarantineTime[] = "%E4Y%m%dT%H%M%SZ";
 constexpr absl::Duration kQuarantineGap = absl::Hours(1);
@@ -44,9 +43,9 @@ absl::Status CheckEmpty(const std::string& folder) {
   std::error_code error;
   for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    if (name == "lock" || name == "lost+found" || name == std::string(kMarker + 1) + ".new") continue;
+    if (name == "lock" || name == "lost+found" || name == std::string(kFolderMarker) + ".new") continue;
     return absl::FailedPreconditionError(absl::StrCat(folder, " is not a data folder of a server: it holds ", name,
-                                                      " and no file ", kMarker + 1,
+                                                      " and no file ", kFolderMarker,
                                                       ". Name a folder that is empty or missing with --data-dir"));
   }
   return error ? ErrnoStatus(error.value(), "list " + folder) : absl::OkStatus();
@@ -54,25 +53,28 @@ absl::Status CheckEmpty(const std::string& folder) {
 
 // The folder's id.
 absl::StatusOr<std::string> ReadOrMakeMarker(const std::string& folder) {
-  const std::string marker = folder + kMarker, draft = marker + ".new";
-  absl::StatusOr<std::string> text = ReadWholeFile(marker, /*max_bytes=*/256);
-  if (absl::IsNotFound(text.status())) {
-    text = absl::StrCat(kMarkerTitle, "\n", NewId(), NewId(), "\n");
-    RETURN_IF_ERROR(WriteScratchFile(draft, *text));
-    RETURN_IF_ERROR(SyncFile(draft));
-    RETURN_IF_ERROR(MoveFile(draft, marker));
-    RETURN_IF_ERROR(SyncFolder(folder));
-  }
-  RETURN_IF_ERROR(text.status());
-  const std::vector<std::string> lines = absl::StrSplit(*text, '\n');
+  absl::StatusOr<std::string> id = ReadFolderId(folder);
+  if (!absl::IsNotFound(id.status())) return id;
+  const std::string marker = absl::StrCat(folder, "/", kFolderMarker), draft = marker + ".new";
+  RETURN_IF_ERROR(WriteScratchFile(draft, absl::StrCat(kMarkerTitle, "\n", NewId(), NewId(), "\n")));
+  RETURN_IF_ERROR(SyncFile(draft));
+  RETURN_IF_ERROR(MoveFile(draft, marker));
+  RETURN_IF_ERROR(SyncFolder(folder));
+  return ReadFolderId(folder);
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> ReadFolderId(const std::string& folder) {
+  const std::string marker = absl::StrCat(folder, "/", kFolderMarker);
+  ASSIGN_OR_RETURN(const std::string text, ReadWholeFile(marker, /*max_bytes=*/256));
+  const std::vector<std::string> lines = absl::StrSplit(text, '\n');
   if (lines.size() != 3 || lines[0] != kMarkerTitle || lines[1].empty()) {
     return absl::DataLossError(absl::StrCat(marker, " is damaged: it must hold \"", kMarkerTitle,
                                             "\" and, on a second line, the id of the folder"));
   }
   return lines[1];
 }
-
-}  // namespace
 
 absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::string& path,
                                                                    const DataDirectoryOptions& options) {
@@ -82,7 +84,7 @@ absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::st
   fs::create_directories(absolute, error);
   if (error) return ErrnoStatus(error.value(), "create the data folder " + absolute);
   // Before anything is written: the folder may be somebody else's.
-  if (!fs::exists(absolute + kMarker, error)) RETURN_IF_ERROR(CheckEmpty(absolute));
+  if (!fs::exists(absl::StrCat(absolute, "/", kFolderMarker), error)) RETURN_IF_ERROR(CheckEmpty(absolute));
   const std::string lock = absolute + "/lock";
   const int fd = open(lock.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
   if (fd < 0) return ErrnoStatus(errno, "open " + lock);

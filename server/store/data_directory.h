@@ -27,6 +27,13 @@
 
 namespace depthtween::server {
 
+// The file that marks a data folder, and the one with its records.
+inline constexpr char kFolderMarker[] = "depthtween-data";
+inline constexpr char kDatabaseName[] = "depthtween.sqlite";
+
+// The id in a folder's marker. NotFound if it has no marker; DataLoss if that cannot be read.
+absl::StatusOr<std::string> ReadFolderId(const std::string& folder);
+
 struct DataDirectoryOptions {
   absl::Duration keep_quarantine = absl::Hours(7 * 24);  // what lies there longer is deleted
 };
@@ -46,7 +53,7 @@ class DataDirectory {
   const std::string& path() const { return path_; }
   // Of the marker: the same as long as the folder lives, wherever it is moved.
   const std::string& id() const { return id_; }
-  std::string DatabaseFile() const { return path_ + "/depthtween.sqlite"; }
+  std::string DatabaseFile() const { return path_ + "/" + kDatabaseName; }
   std::string SequencesFolder() const { return path_ + "/sequences"; }
   std::string JobsFolder() const { return path_ + "/jobs"; }
   std::string QuarantineFolder() const { return path_ + "/quarantine"; }

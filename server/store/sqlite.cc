@@ -59,6 +59,19 @@ absl::StatusOr<std::unique_ptr<Database>> Database::Open(const std::string& file
   return database;
 }
 
+absl::StatusOr<std::unique_ptr<Database>> Database::OpenToRead(const std::string& file) {
+  if (access(file.c_str(), F_OK) != 0) return ErrnoStatus(errno, "open " + file);
+  sqlite3* connection = nullptr;
+  const int code = sqlite3_open_v2(file.c_str(), &connection,
+                                   SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_NOFOLLOW, nullptr);
+  std::unique_ptr<Database> database(new Database(connection));
+  if (code != SQLITE_OK) return WithContext(database->Error("open"), file);
+  sqlite3_extended_result_codes(connection, 1);
+  sqlite3_busy_timeout(connection, kLockPatienceMs);
+  RETURN_IF_ERROR(WithContext(database->Run("PRAGMA trusted_schema = OFF"), file));
+  return database;
+}
+
 absl::Status Database::Run(const char* sql, const std::vector<SqlValue>& values,
                            const std::function<void(const SqlRow&)>& on_row) {
   auto found = statements_.find(std::string_view(sql));

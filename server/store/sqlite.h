@@ -64,6 +64,8 @@ class SqlRow {
 class Database {
  public:
   static absl::StatusOr<std::unique_ptr<Database>> Open(const std::string& file);
+  // To look at a database that another process may be writing, without changing it. NotFound if there is none.
+  static absl::StatusOr<std::unique_ptr<Database>> OpenToRead(const std::string& file);
 
   // Runs one statement; `on_row` gets every row it yields. Statements are prepared once and kept.
   absl::Status Run(const char* sql, const std::vector<SqlValue>& values = {},

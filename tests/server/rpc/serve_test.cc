@@ -75,6 +75,21 @@ TEST_F(ServeTest, SaysWhenItIsReadyAndEndsOnSigterm) {
   EXPECT_EQ(ExitCode(), 0);
 }
 
+TEST_F(ServeTest, BacksUpWhatItServesAndServesWhatWasRestored) {
+  Serve();
+  const pid_t server = std::exchange(pid_, 0);
+  EXPECT_EQ(Run({"backup", "--data-dir", folder_ / "data", "--to", folder_ / "backup"}), 0)
+      << ReadText(folder_ / "stderr");
+  EXPECT_THAT(ReadText(folder_ / "stdout"), testing::HasSubstr("0 recordings, 0 jobs, 2 files"));
+  EXPECT_EQ(Run({"backup", "--data-dir", folder_ / "data", "--to", folder_ / "backup"}), 1);
+  EXPECT_THAT(ReadText(folder_ / "stderr"), testing::HasSubstr("exists"));
+  kill(server, SIGTERM);
+  waitpid(server, nullptr, 0);
+  std::filesystem::remove_all(folder_ / "data");
+  EXPECT_EQ(Run({"restore", "--from", folder_ / "backup", "--data-dir", folder_ / "data"}), 0);
+  EXPECT_THAT(CheckHealth(Serve(), absl::Seconds(60)), IsOk());
+}
+
 // Recordings are nobody else's to read, whatever the mask of the shell.
 TEST_F(ServeTest, KeepsItsFilesToItself) {
   CheckHealth(Serve(), "", absl::Seconds(60)).IgnoreError();
