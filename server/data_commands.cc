@@ -12,6 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "server/jobs/scrub.h"
 #include "server/store/backup.h"
 
 namespace depthtween::server {
@@ -57,6 +58,21 @@ absl::Status Restore(const std::string& from, const std::string& data_dir) {
   return absl::OkStatus();
 }
 
+absl::Status CheckFiles(const std::string& data_dir) {
+  absl::Time next = absl::Now() + kProgressGap;
+  ASSIGN_OR_RETURN(const ScrubSummary summary, ScrubFolder(data_dir, {.on_files = [&next](const ScrubSummary& so_far) {
+                                                             if (absl::Now() < next) return;
+                                                             next = absl::Now() + kProgressGap;
+                                                             absl::FPrintF(stderr, "%d files, %s\n", so_far.files,
+                                                                           Size(so_far.bytes));
+                                                           }}));
+  for (const FileFault& fault : summary.faults) absl::PrintF("%s: %s\n", fault.path, fault.what);
+  absl::PrintF("%d files, %s checked; %d damaged or missing; %d without a checksum\n", summary.files,
+               Size(summary.bytes), summary.faults.size(), summary.unknown_files);
+  if (summary.faults.empty()) return absl::OkStatus();
+  return absl::DataLossError(absl::StrCat(summary.faults.size(), " files of ", data_dir, " are damaged or missing"));
+}
+
 }  // namespace
 
 struct DataCommands::Options {
@@ -77,16 +93,21 @@ DataCommands::DataCommands(CLI::App& app) : app_(app), options_(std::make_unique
   CLI::App* restore = app.add_subcommand("restore", "Make a data folder from a backup, and check every byte of it.");
   restore->add_option("--from", options_->from, "The backup")->required();
   restore->add_option("--data-dir", options_->data_dir, "The folder to make; must be missing or empty")->required();
+  CLI::App* scrub = app.add_subcommand(
+      "scrub",
+      "Read all stored files and list those that are damaged, also while a server works in the folder. Exits with 1 if "
+      "there are any; changes nothing.");
+  scrub->add_option("--data-dir", options_->data_dir, "The folder to look at")->required();
 }
 
 DataCommands::~DataCommands() = default;
 
 std::optional<absl::Status> DataCommands::Run() const {
-  const bool backup = app_.got_subcommand("backup");
-  if (!backup && !app_.got_subcommand("restore")) return std::nullopt;
   umask(0077);  // recordings are nobody else's to read
-  return backup ? Backup(options_->data_dir, options_->to, options_->link_unchanged_from)
-                : Restore(options_->from, options_->data_dir);
+  if (app_.got_subcommand("backup")) return Backup(options_->data_dir, options_->to, options_->link_unchanged_from);
+  if (app_.got_subcommand("restore")) return Restore(options_->from, options_->data_dir);
+  if (app_.got_subcommand("scrub")) return CheckFiles(options_->data_dir);
+  return std::nullopt;
 }
 
 }  // namespace depthtween::server

@@ -1,4 +1,4 @@
-// The commands of depthtween-server that look after a data folder: backup and restore.
+// The commands of depthtween-server that look after a data folder: backup, restore and scrub.
 #ifndef DEPTHTWEEN_SERVER_DATA_COMMANDS_H_
 #define DEPTHTWEEN_SERVER_DATA_COMMANDS_H_
 

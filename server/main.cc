@@ -28,6 +28,7 @@
 #include "server/jobs/job_manager.h"
 #include "server/jobs/machine_memory.h"
 #include "server/jobs/sequences.h"
+#include "server/jobs/upkeep.h"
 #include "server/rpc/health_check.h"
 #include "server/rpc/rpc_server.h"
 #include "server/store/data_directory.h"
@@ -55,6 +56,8 @@ struct ServeOptions {
   int64_t task_memory_bytes = -1;  // below 0: as the machine has it
   std::string data_dir;
   int quarantine_days = 7;
+  int upload_days = 7;
+  int scrub_days = 30;
   std::string port_file;
   double drain_s = 10;
   RpcServerOptions rpc;
@@ -151,6 +154,9 @@ absl::Status Serve(const ServeOptions& options) {
   Sequences sequences(
       *store, *blobs, options.limits, [&jobs] { jobs->Wake(); },
       [&jobs](std::string_view id) { jobs->StopValidation(id); });
+  const Upkeep upkeep(
+      *store, sequences, jobs->damage(), directory->path(),
+      {.keep_uploads = absl::Hours(24) * options.upload_days, .scrub_round = absl::Hours(24) * options.scrub_days});
   Health health;
   ASSIGN_OR_RETURN(const std::unique_ptr<RpcServer> server,
                    RpcServer::Start(options.rpc, options.limits, *directory, *guard, sequences, *jobs, health));
@@ -209,6 +215,18 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
           "not finished goes on after the next start. A second signal ends the server at once")
       ->check(AtLeast(0))
       ->type_name("N")
+      ->capture_default_str();
+  command
+      ->add_option("--upload-days", options.upload_days,
+                   "Remove a recording that is not committed when no byte of it has come for so long; 0: never")
+      ->check(AtLeast(0))
+      ->type_name("DAYS")
+      ->capture_default_str();
+  command
+      ->add_option("--scrub-days", options.scrub_days,
+                   "Read every stored file once in this time, slowly, and log what is damaged; 0: do not")
+      ->check(AtLeast(0))
+      ->type_name("DAYS")
       ->capture_default_str();
   command->add_option("--listen", options.rpc.listen, "HOST:PORT (port 0: any free one) or unix:PATH")
       ->capture_default_str();

@@ -44,10 +44,10 @@ std::string DescribeLost(const std::string& job, const std::vector<client::LostO
   std::string text = parts.back();
   parts.pop_back();
   if (!parts.empty()) text = absl::StrCat(absl::StrJoin(parts, ", "), " and ", text);
-  return Printable(
-      absl::StrFormat("%s: %s %s lost from the server's disk; everything else that is ready is in %s. To recreate %s, "
-                      "run 'depthtween delete %s' and submit again",
-                      job, text, count == 1 ? "is" : "are", where, count == 1 ? "it" : "them", job));
+  return Printable(absl::StrFormat(
+      "%s: %s %s lost or damaged on the server's disk; everything else that is ready is in %s. To recreate %s, "
+      "run 'depthtween delete %s' and submit again",
+      job, text, count == 1 ? "is" : "are", where, count == 1 ? "it" : "them", job));
 }
 
 nlohmann::json LostToJson(const std::vector<client::LostOutput>& lost) {

@@ -10,8 +10,8 @@
 
 namespace depthtween::cli {
 
-// "jobs/7: 4 frames of depth (3, 8-10) and report.json are lost from the server's disk; everything else ... To recreate
-// them, ...", on one line. `lost` must not be empty.
+// "jobs/7: 4 frames of depth (3, 8-10) and report.json are lost or damaged on the server's disk; everything else
+// ... To recreate them, ...", on one line. `lost` must not be empty.
 std::string DescribeLost(const std::string& job, const std::vector<client::LostOutput>& lost, const std::string& where);
 
 // [{"output": "jobs/7/outputs/depth", "frames": [3, 8, 9, 10]}, {"output": "jobs/7/outputs/report"}]

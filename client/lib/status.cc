@@ -50,7 +50,10 @@ bool IsTransient(const absl::Status& status) {
   return absl::IsUnavailable(status) || status.GetPayload(kReasonPayload) == absl::Cord("SERVER_BUSY");
 }
 
-bool IsLost(const absl::Status& status) { return status.GetPayload(kReasonPayload) == absl::Cord("FILE_LOST"); }
+bool IsLost(const absl::Status& status) {
+  const auto reason = status.GetPayload(kReasonPayload);
+  return reason == absl::Cord("FILE_LOST") || reason == absl::Cord("FILE_DAMAGED");
+}
 
 std::optional<int> LostFrame(const absl::Status& status) {
   if (!IsLost(status)) return std::nullopt;

@@ -23,7 +23,7 @@ absl::Status FromRpc(const grpc::Status& status);
 // Whether the same call may succeed a little later: the server is unreachable, stopping or busy.
 bool IsTransient(const absl::Status& status);
 
-// Whether the server has lost what was asked for: asking again does not help.
+// Whether the server has lost what was asked for, or its bytes are damaged: asking again does not help.
 bool IsLost(const absl::Status& status);
 // The lost frame, of an output that is made of frames; otherwise nullopt.
 std::optional<int> LostFrame(const absl::Status& status);

@@ -21,6 +21,7 @@
 #include "absl/time/clock.h"
 #include "server/jobs/child_process.h"
 #include "server/jobs/deletion.h"
+#include "server/jobs/input_check.h"
 #include "server/jobs/inventory.h"
 #include "server/jobs/task_protocol.h"
 #include "server/jobs/task_runner.h"
@@ -54,7 +55,8 @@ class Manager : public JobManager {
       : directory_(directory),
         store_(store),
         options_(options),
-        runner_(directory, store, options),
+        runner_(directory, store, damage_, options),
+        inputs_(directory, store, damage_),
         errands_(directory, {.core_program = options.core_program,
                              .threads = options.frame_renderers,
                              .time_limit = options.frame_render_time,
@@ -103,6 +105,12 @@ class Manager : public JobManager {
   absl::StatusOr<std::unique_ptr<Errand>> RenderFrame(const Tenant& tenant, std::string_view id,
                                                       const FrameRenderOrder& order,
                                                       std::function<void()> on_done) override;
+  absl::StatusOr<std::optional<FileChecksum>> Checksum(std::string_view id, const OutputSpec& output,
+                                                       std::string_view stem) override {
+    return store_.JobFile(id, PathInJob(output, stem));
+  }
+  absl::Status Damaged(std::string_view id, const OutputSpec& output, std::string_view stem, int frame) override;
+  DamageLog& damage() override { return damage_; }
   void StopErrands() override {
     planning_.Stop();
     errands_.Stop();
@@ -151,7 +159,12 @@ class Manager : public JobManager {
   absl::Duration Backoff(int failures);
   absl::Status RecordOutcome(const Task& task, const TaskOutcome& outcome);
   void OnStage(const std::string& job_id, std::string_view stage);
-  absl::Status OnInterval(const Task& task, const PlannedInterval& interval, double seconds);
+  absl::Status OnInterval(const Task& task, const PlannedInterval& interval, double seconds,
+                          const std::vector<FileChecksum>& files);
+  static std::string PathInJob(const OutputSpec& output, std::string_view stem) {
+    const std::string path = "out/" + output.file_name;
+    return stem.empty() ? path : absl::StrCat(path, "/", std::string(stem), ".", output.extension);
+  }
 
   // The job with its renders planned; unchanged where there is no sequence to plan it for. FailedPrecondition
   // (NO_SCENE_FLOW) when it asks for scene flow that the sequence cannot give.
@@ -167,7 +180,9 @@ class Manager : public JobManager {
   DataDirectory& directory_;
   Store& store_;
   const JobManagerOptions options_;
+  DamageLog damage_;
   TaskRunner runner_;
+  InputCheck inputs_;
 
   // Held over every change of a job together with its announcement, so that watchers hear of changes in their order and
   // a snapshot is neither older nor newer than the events around it. Not held while a child runs or frames are moved.
@@ -176,13 +191,14 @@ class Manager : public JobManager {
   std::map<std::string, Live, std::less<>> live_;                       // guarded by changes_; by job id
   std::map<int64_t, Running> running_;                                  // guarded by changes_; by task number
   std::map<std::string, ValidationProgress, std::less<>> validations_;  // guarded by changes_; by sequence id
-  int64_t wakes_ = 0;                                                   // guarded by changes_
-  absl::Time begin_nothing_before_ = absl::InfinitePast();              // guarded by changes_: the disk was full
-  absl::Time next_disk_alarm_ = absl::InfinitePast();                   // guarded by changes_
-  bool draining_ = false;                                               // guarded by changes_: nothing is begun
-  bool validated_last_ = false;                                         // guarded by changes_: what was claimed last
-  std::vector<Postponed> postponed_;                                    // guarded by changes_
-  std::minstd_rand random_{std::random_device{}()};                     // guarded by changes_
+  bool release_first_ = false;  // guarded by changes_: tasks of the server before are still recorded as running
+  int64_t wakes_ = 0;           // guarded by changes_
+  absl::Time begin_nothing_before_ = absl::InfinitePast();  // guarded by changes_: the disk was full
+  absl::Time next_disk_alarm_ = absl::InfinitePast();       // guarded by changes_
+  bool draining_ = false;                                   // guarded by changes_: nothing is begun
+  bool validated_last_ = false;                             // guarded by changes_: what was claimed last
+  std::vector<Postponed> postponed_;                        // guarded by changes_
+  std::minstd_rand random_{std::random_device{}()};         // guarded by changes_
   std::condition_variable_any work_;
 
   Errands errands_;                    // frames on demand
@@ -195,11 +211,18 @@ absl::Status Manager::CleanUpAndStart() {
     return ErrnoStatus(errno, "run the program " + options_.core_program);
   }
   RETURN_IF_ERROR(CheckStoreIsOfFolder(directory_, store_, options_.accept_new_store));
-  // After a killed server: end its children, give their work back, then remove their scratch folders.
+  // After a killed server: end its children, remove their scratch folders, which may make the room to record that their
+  // work is to be done again.
   const std::vector<std::string> tasks = NamesIn(directory_.TasksFolder());
   for (const std::string& task : tasks) KillLeftChild(directory_.TasksFolder() + "/" + task);
-  RETURN_IF_ERROR(store_.ReleaseAllTasks());
   for (const std::string& task : tasks) RETURN_IF_ERROR(directory_.Discard(directory_.TasksFolder() + "/" + task));
+  if (const absl::Status released = store_.ReleaseAllTasks(); absl::IsResourceExhausted(released)) {
+    // On a full disk the server still serves and deletes; the workers try again before they claim anything.
+    LogError("cannot take back the work of the server before", {{"error", Words(released)}});
+    release_first_ = true;
+  } else {
+    RETURN_IF_ERROR(released);
+  }
   RETURN_IF_ERROR(QuarantineWhatHasNoRecord(directory_, store_));
   for (int i = 0; i < options_.workers; ++i) {
     workers_.emplace_back([this](const std::stop_token& stop) { Work(stop); });
@@ -346,6 +369,13 @@ std::string Manager::OutputFile(std::string_view id, const OutputSpec& output) c
   return absl::StrCat(directory_.OutFolder(id), "/", output.file_name);
 }
 
+absl::Status Manager::Damaged(std::string_view id, const OutputSpec& output, std::string_view stem, int frame) {
+  const std::string job = absl::StrCat("jobs/", std::string(id)),
+                    file = absl::StrCat(job, "/", PathInJob(output, stem));
+  damage_.Report(file, "its bytes are not those that were stored");
+  return FileDamaged(absl::StrCat(job, "/outputs/", output.id), file, frame);
+}
+
 absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(const Tenant& tenant, std::string_view id,
                                                              const FrameRenderOrder& order,
                                                              std::function<void()> on_done) {
@@ -371,6 +401,7 @@ absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(const Tenant& tenan
         absl::FailedPreconditionError(absl::StrCat("the colour frames are gone: ", sequence.message())),
         {.reason = "SEQUENCE_GONE", .metadata = {{"resource", "sequences/" + job.sequence_id}}});
   }
+  RETURN_IF_ERROR(inputs_.OfFrame(job, frames[0]));
   return errands_.Start(
       {.arguments = {"render-frame", "--sequence", directory_.SequenceFolder(job.sequence_id), "--constants",
                      directory_.JobFolder(job.id) + "/constants.json", "--result", directory_.OutFolder(job.id),
@@ -457,6 +488,14 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
     work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
     return std::nullopt;
   }
+  if (release_first_) {
+    if (const absl::Status released = store_.ReleaseAllTasks(); !released.ok()) {
+      LogError("cannot take back the work of the server before", {{"error", Words(released)}});
+      work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
+      return std::nullopt;
+    }
+    release_first_ = false;
+  }
   SettleWhatIsDue();
   absl::StatusOr<std::optional<Task>> claimed = store_.ClaimTask(
       [this](const JobRecord& job, TaskKind kind) { return IntervalsPerBatch(job, kind, options_.workers); },
@@ -506,14 +545,17 @@ void Manager::RunTask(const Task& task, const std::stop_token& stop) {
                            {"first_interval", absl::StrCat(task.first_interval)},
                            {"intervals", absl::StrCat(task.interval_count)},
                            {"render", absl::StrCat(task.render)}});
-  const TaskEvents events = {.on_stage = [&](std::string_view stage) { OnStage(task.job_id, stage); },
-                             .on_checked =
-                                 [&](int checked, int of) {
-                                   const std::lock_guard lock(changes_);
-                                   validations_[task.sequence_id] = {.checked = checked, .of = of};
-                                 },
-                             .on_interval = [&](const PlannedInterval& interval,
-                                                double seconds) { return OnInterval(task, interval, seconds); }};
+  const TaskEvents events = {
+      .on_stage = [&](std::string_view stage) { OnStage(task.job_id, stage); },
+      .on_checked =
+          [&](int checked, int of) {
+            const std::lock_guard lock(changes_);
+            validations_[task.sequence_id] = {.checked = checked, .of = of};
+          },
+      .on_interval =
+          [&](const PlannedInterval& interval, double seconds, const std::vector<FileChecksum>& files) {
+            return OnInterval(task, interval, seconds, files);
+          }};
   const absl::Time start = absl::Now();
   TaskOutcome outcome =
       job.ok() ? runner_.Run(task, *job, task_stop, events) : TaskOutcome{.error = job.status(), .retry = true};
@@ -565,10 +607,11 @@ void Manager::OnStage(const std::string& job_id, std::string_view stage) {
   if (record.ok()) hub_.Publish(JobEvent::Kind::kProgress, View(*std::move(record)));
 }
 
-absl::Status Manager::OnInterval(const Task& task, const PlannedInterval& interval, double seconds) {
+absl::Status Manager::OnInterval(const Task& task, const PlannedInterval& interval, double seconds,
+                                 const std::vector<FileChecksum>& files) {
   {
     const std::lock_guard lock(changes_);
-    ASSIGN_OR_RETURN(JobRecord record, store_.FinishInterval(task.number, interval.index, seconds));
+    ASSIGN_OR_RETURN(JobRecord record, store_.FinishInterval(task.number, interval.index, seconds, files));
     const std::string render = task.kind == TaskKind::kRender ? record.renders[task.render].name : std::string();
     hub_.Publish(JobEvent::Kind::kFramesReady, View(std::move(record)), interval.first_frame, interval.frame_count,
                  render);
@@ -594,7 +637,7 @@ absl::Status Manager::RecordOutcome(const Task& task, const TaskOutcome& outcome
     case TaskKind::kIntervals:
     case TaskKind::kRender:
     case TaskKind::kAssemble:
-      return store_.CompleteTask(task.number, outcome.assembled);
+      return store_.CompleteTask(task.number, outcome.assembled, outcome.files);
   }
   return absl::OkStatus();
 }

@@ -12,12 +12,14 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "server/jobs/damage_log.h"
 #include "server/jobs/errands.h"
 #include "server/jobs/progress.h"
 #include "server/jobs/watch.h"
@@ -141,6 +143,16 @@ class JobManager {
   virtual std::string FrameFile(std::string_view id, const OutputSpec& output, std::string_view stem) const = 0;
   // The file of an output that is one file; it may be read once the job has succeeded.
   virtual std::string OutputFile(std::string_view id, const OutputSpec& output) const = 0;
+
+  // What that file must hold: of an output that is made of frames, the file of the frame with this stem. nullopt if it
+  // was made before there were checksums.
+  virtual absl::StatusOr<std::optional<FileChecksum>> Checksum(std::string_view id, const OutputSpec& output,
+                                                               std::string_view stem = {}) = 0;
+  // The error FILE_DAMAGED for a file that holds something else. Logs it, the first time.
+  virtual absl::Status Damaged(std::string_view id, const OutputSpec& output, std::string_view stem = {},
+                               int frame = -1) = 0;
+  // Where damage is reported that is found otherwise.
+  virtual DamageLog& damage() = 0;
 
   // Starts to render one frame of a job from what is finished. Calls `on_done` from another thread when the answer is
   // there, unless the errand was destroyed. FailedPrecondition when the frame is not finished, or the sequence with its

@@ -81,25 +81,31 @@ absl::Status UploadWriter::WriteToFiles(std::string_view bytes) {
     while (file_ < files_.size() && written_ == file_start_ + files_[file_].size_bytes) RETURN_IF_ERROR(CompleteFile());
     if (bytes.empty()) return absl::OkStatus();
     const UploadFile& file = files_[file_];
-    RETURN_IF_ERROR(ResumeHash());
+    RETURN_IF_ERROR(ResumeSums());
     const int64_t left = file_start_ + file.size_bytes - written_;
     const std::string_view piece = bytes.substr(0, static_cast<size_t>(left));
     RETURN_IF_ERROR(sequences_.blobs_.Write(upload_.sequence_id, file.path, written_ - file_start_, piece));
     touched_ = true;
-    if (hash_) hash_->Update(piece);
+    sums_->blocks.Update(piece);
+    if (sums_->sha256) sums_->sha256->Update(piece);
     written_ += static_cast<int64_t>(piece.size());
     bytes.remove_prefix(piece.size());
   }
 }
 
-absl::Status UploadWriter::ResumeHash() {
+absl::Status UploadWriter::ResumeSums() {
+  if (sums_) return absl::OkStatus();
   const UploadFile& file = files_[file_];
-  if (hash_ || file.sha256.empty()) return absl::OkStatus();
-  hash_.emplace();
-  const int64_t present = written_ - file_start_;
-  if (present == 0) return absl::OkStatus();
-  return sequences_.blobs_.Read(upload_.sequence_id, file.path, present,
-                                [this](std::string_view bytes) { hash_->Update(bytes); });
+  Sums sums;
+  if (!file.sha256.empty()) sums.sha256.emplace();
+  if (const int64_t present = written_ - file_start_; present > 0) {
+    RETURN_IF_ERROR(sequences_.blobs_.Read(upload_.sequence_id, file.path, present, [&sums](std::string_view bytes) {
+      sums.blocks.Update(bytes);
+      if (sums.sha256) sums.sha256->Update(bytes);
+    }));
+  }
+  sums_ = std::move(sums);
+  return absl::OkStatus();
 }
 
 absl::Status UploadWriter::CompleteFile() {
@@ -108,16 +114,16 @@ absl::Status UploadWriter::CompleteFile() {
     RETURN_IF_ERROR(sequences_.blobs_.Write(upload_.sequence_id, file.path, 0, {}));
     touched_ = true;
   }
-  RETURN_IF_ERROR(ResumeHash());
-  if (hash_ && hash_->Finish() != file.sha256) {
-    hash_.reset();
+  RETURN_IF_ERROR(ResumeSums());
+  Sums sums = *std::exchange(sums_, std::nullopt);
+  if (sums.sha256 && sums.sha256->Finish() != file.sha256) {
     written_ = file_start_;
     return WithErrorInfo(
         absl::DataLossError(
             absl::StrCat(file.path, ": its bytes do not match the announced sha256; send the file again")),
         {.reason = "CHECKSUM_MISMATCH", .metadata = {{"path", file.path}, {"committed_size", absl::StrCat(written_)}}});
   }
-  hash_.reset();
+  complete_.push_back(sums.blocks.Finish(file.path));
   file_start_ += file.size_bytes;
   ++file_;
   return absl::OkStatus();
@@ -126,10 +132,11 @@ absl::Status UploadWriter::CompleteFile() {
 absl::Status UploadWriter::Flush() {
   if (touched_) RETURN_IF_ERROR(sequences_.blobs_.MakeDurable());
   touched_ = false;
-  if (written_ == upload_.committed_size) return absl::OkStatus();
-  RETURN_IF_ERROR(sequences_.store_.SetCommittedSize(upload_.id, written_));
+  if (written_ == upload_.committed_size && complete_.empty()) return absl::OkStatus();
+  RETURN_IF_ERROR(sequences_.store_.SetCommittedSize(upload_.id, written_, complete_));
   CountBytes("in", written_ - upload_.committed_size);
   upload_.committed_size = written_;
+  complete_.clear();
   return absl::OkStatus();
 }
 
@@ -212,6 +219,20 @@ absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(const Tenant
   const int64_t number = ++turn->number;
   return std::unique_ptr<UploadWriter>(
       new UploadWriter(*this, std::move(upload), std::move(files), std::move(turn), number));
+}
+
+absl::StatusOr<std::vector<std::string>> Sequences::RemoveAbandoned(absl::Time before) {
+  ASSIGN_OR_RETURN(const std::vector<std::string> abandoned, store_.AbandonedSequences(before));
+  std::vector<std::string> removed;
+  for (const std::string& id : abandoned) {
+    const absl::Status deleted = DeleteWithFiles(
+        absl::StrCat("sequences/", id), [&] { return store_.DeleteAbandonedSequence(id, before); },
+        [&] { return blobs_.Remove(id); });
+    if (absl::IsFailedPrecondition(deleted) || absl::IsNotFound(deleted)) continue;  // it went on
+    RETURN_IF_ERROR(deleted);
+    removed.push_back(id);
+  }
+  return removed;
 }
 
 absl::StatusOr<SequenceRecord> Sequences::Commit(const Tenant& tenant, std::string_view id) {

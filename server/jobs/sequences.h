@@ -15,6 +15,7 @@
 #include "core/base/status.h"
 #include "proto/depthtween/sha256.h"
 #include "server/store/blob_store.h"
+#include "server/store/checksums.h"
 #include "server/store/limits.h"
 #include "server/store/store.h"
 
@@ -53,7 +54,8 @@ class UploadWriter {
   // All of these with the turn's mutex held.
   absl::Status CheckTurn() const;
   absl::Status WriteToFiles(std::string_view bytes);
-  absl::Status ResumeHash();
+  // Takes up the checksums of the current file where it stands.
+  absl::Status ResumeSums();
   absl::Status CompleteFile();
   absl::Status Flush();
 
@@ -62,11 +64,17 @@ class UploadWriter {
   const std::vector<UploadFile> files_;
   const std::shared_ptr<Turn> turn_;
   const int64_t turn_number_;
-  size_t file_ = 0;             // the file being written
-  int64_t file_start_ = 0;      // its offset in the upload
-  int64_t written_ = 0;         // offset in the upload; bytes beyond committed_size are not yet durable
-  bool touched_ = false;        // something was written that is not durable yet
-  std::optional<Sha256> hash_;  // of the current file up to written_; none if it is not checked or not begun
+  size_t file_ = 0;         // the file being written
+  int64_t file_start_ = 0;  // its offset in the upload
+  int64_t written_ = 0;     // offset in the upload; bytes beyond committed_size are not yet durable
+  bool touched_ = false;    // something was written that is not durable yet
+  // Of the current file up to written_; none if it is not begun.
+  struct Sums {
+    BlockChecksums blocks;
+    std::optional<Sha256> sha256;  // if the client announced one
+  };
+  std::optional<Sums> sums_;
+  std::vector<FileChecksum> complete_;  // files that became complete since the last flush
 };
 
 // Threads: all methods may be called concurrently. Borrows the stores.
@@ -94,6 +102,8 @@ class Sequences {
   // Takes over from any earlier writer of this upload. FailedPrecondition if it is finished.
   absl::StatusOr<std::unique_ptr<UploadWriter>> OpenUpload(const Tenant& tenant, std::string_view sequence_id,
                                                            std::string_view upload_id);
+  // Deletes those that are still UPLOADING and of which no byte has come since `before`. Returns their ids.
+  absl::StatusOr<std::vector<std::string>> RemoveAbandoned(absl::Time before);
   absl::StatusOr<SequenceRecord> Commit(const Tenant& tenant, std::string_view id);
 
  private:

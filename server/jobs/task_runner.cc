@@ -6,6 +6,7 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <map>
 #include <set>
 #include <string>
 #include <system_error>
@@ -49,6 +50,8 @@ std::string PartReport(const Task& task, const JobRecord& job, int interval) {
 }
 
 constexpr char kMotionFolder[] = "/motion/";
+constexpr char kOutName[] = "out";  // of the result folder in the job's
+constexpr char kConstantsName[] = "constants.json";
 
 bool NeedsMotion(const JobRecord& job) {
   return job.facts.keep_motion || std::any_of(job.renders.begin(), job.renders.end(),
@@ -99,22 +102,28 @@ void LimitViolations(ValidationResult& result) {
 }  // namespace
 
 std::string TaskRunner::ConstantsFile(const std::string& job_id) const {
-  return directory_.JobFolder(job_id) + "/constants.json";
+  return absl::StrCat(directory_.JobFolder(job_id), "/", kConstantsName);
 }
 
-absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, const PlannedInterval& interval) {
+absl::StatusOr<std::vector<FileChecksum>> TaskRunner::MoveInterval(const Task& task, const JobRecord& job,
+                                                                   const PlannedInterval& interval) {
   ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames,
                    store_.JobFrames(Tenant::Everyone(), task.job_id, interval.first_frame, interval.frame_count));
   const std::string from = directory_.TaskFolder(task.number);
   const std::string to = directory_.OutFolder(task.job_id);
   const bool rendered = task.kind == TaskKind::kRender;
+  std::vector<FileChecksum> files;
+  const auto move = [&](const std::string& name) -> absl::Status {
+    ASSIGN_OR_RETURN(FileChecksum checksum, ChecksumOf(from + name, kOutName + name));
+    RETURN_IF_ERROR(MoveFile(from + name, to + name));
+    files.push_back(std::move(checksum));
+    return absl::OkStatus();
+  };
   // Motion goes before depth, so that a frame with depth is complete. Not every frame has motion.
   if (!rendered && KeepsMotion(job)) {
     for (const FrameRecord& frame : frames) {
       const std::string name = kMotionFolder + frame.stem + ".npz";
-      if (absl::Status moved = MoveFile(from + name, to + name); !moved.ok() && !absl::IsNotFound(moved)) {
-        return moved;
-      }
+      if (absl::Status moved = move(name); !moved.ok() && !absl::IsNotFound(moved)) return moved;
     }
     RETURN_IF_ERROR(SyncFolder(to + kMotionFolder));
   }
@@ -122,14 +131,13 @@ absl::Status TaskRunner::MoveInterval(const Task& task, const JobRecord& job, co
     if (!output.frames || output.assembled || output.render != (rendered ? task.render : -1)) continue;
     const std::string folder = "/" + output.file_name + "/";
     for (const FrameRecord& frame : frames) {
-      const std::string name = absl::StrCat(folder, frame.stem, ".", output.extension);
-      RETURN_IF_ERROR(MoveFile(from + name, to + name));
+      RETURN_IF_ERROR(move(absl::StrCat(folder, frame.stem, ".", output.extension)));
     }
     RETURN_IF_ERROR(SyncFolder(to + folder));
   }
-  const std::string report = PartReport(task, job, interval.index);
-  RETURN_IF_ERROR(MoveFile(from + report, to + report));
-  return SyncFolder(to);
+  RETURN_IF_ERROR(move(PartReport(task, job, interval.index)));
+  RETURN_IF_ERROR(SyncFolder(to));
+  return files;
 }
 
 absl::Status TaskRunner::MakeResultFolders(const JobRecord& job) {
@@ -162,6 +170,34 @@ absl::StatusOr<std::optional<std::vector<int>>> TaskRunner::FramesAssembled(cons
   return found;
 }
 
+absl::StatusOr<std::vector<FileChecksum>> TaskRunner::FilesAssembled(const JobRecord& job,
+                                                                     const std::vector<int>& frames) {
+  std::vector<FileChecksum> files;
+  std::vector<std::string> stems;
+  if (!frames.empty()) {
+    ASSIGN_OR_RETURN(const std::vector<FrameRecord> all,
+                     store_.JobFrames(Tenant::Everyone(), job.id, 0, job.frames_total));
+    for (const int frame : frames) stems.push_back(all.at(static_cast<size_t>(frame)).stem);
+  }
+  const auto add = [&](const std::string& name) -> absl::Status {
+    absl::StatusOr<FileChecksum> checksum =
+        ChecksumOf(absl::StrCat(directory_.OutFolder(job.id), "/", name), absl::StrCat(kOutName, "/", name));
+    // Not every clip has a preview.
+    if (absl::IsNotFound(checksum.status())) return absl::OkStatus();
+    RETURN_IF_ERROR(checksum.status());
+    files.push_back(*std::move(checksum));
+    return absl::OkStatus();
+  };
+  for (const OutputSpec& output : OutputsOf(job)) {
+    if (!output.frames) RETURN_IF_ERROR(add(output.file_name));
+    if (!output.assembled) continue;
+    for (const std::string& stem : stems) {
+      RETURN_IF_ERROR(add(absl::StrCat(output.file_name, "/", stem, ".", output.extension)));
+    }
+  }
+  return files;
+}
+
 absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
   const std::string from = directory_.OutFolder(job.depth_from), to = directory_.OutFolder(job.id);
   const absl::StatusOr<std::string> constants = ReadWholeFile(ConstantsFile(job.depth_from), kMaxAnswerBytes);
@@ -173,10 +209,18 @@ absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
   ASSIGN_OR_RETURN(JobPlan plan, ParsePlan(*constants));
   plan.depth_done = true;
   const std::string other = "jobs/" + job.depth_from;
+  // They keep the checksums of the job that made them: what has rotted since must not pass for right.
+  std::map<std::string, FileChecksum> known;
+  ASSIGN_OR_RETURN(std::vector<FileChecksum> files, store_.JobFiles(job.depth_from));
+  for (FileChecksum& file : files) known.emplace(file.path, std::move(file));
+  const auto keep = [&](const std::string& path) {
+    if (auto found = known.extract(path)) plan.files.push_back(std::move(found.mapped()));
+  };
   // Results never change, so a second name for them is as good as a copy. Whether it is there.
   const auto link = [&](const std::string& name) -> absl::StatusOr<bool> {
     const absl::Status linked = LinkFile(from + name, to + name);
     if (!linked.ok() && !absl::IsNotFound(linked)) return linked;
+    if (linked.ok()) keep(kOutName + name);
     return linked.ok();
   };
   const bool needs_motion = NeedsMotion(job);
@@ -203,6 +247,7 @@ absl::StatusOr<JobPlan> TaskRunner::TakeOverDepth(const JobRecord& job) {
     }
   }
   RETURN_IF_ERROR(LinkFile(ConstantsFile(job.depth_from), ConstantsFile(job.id)));
+  keep(kConstantsName);
   for (const OutputSpec& output : OutputsOf({})) {
     if (output.frames) RETURN_IF_ERROR(SyncFolder(to + "/" + output.file_name));
   }
@@ -272,6 +317,9 @@ absl::Status TaskRunner::TakeAnswer(const Task& task, const JobRecord& job, cons
     case TaskKind::kPrepare: {
       ASSIGN_OR_RETURN(const std::string answer, ReadWholeFile(paths.constants, kMaxAnswerBytes));
       ASSIGN_OR_RETURN(JobPlan plan, ParsePlan(answer));
+      BlockChecksums checksums;
+      checksums.Update(answer);
+      plan.files.push_back(checksums.Finish(kConstantsName));
       // Durable before the plan is recorded.
       RETURN_IF_ERROR(MoveFile(paths.constants, ConstantsFile(task.job_id)));
       RETURN_IF_ERROR(SyncFolder(directory_.JobFolder(task.job_id)));
@@ -284,6 +332,7 @@ absl::Status TaskRunner::TakeAnswer(const Task& task, const JobRecord& job, cons
     case TaskKind::kAssemble:
       RETURN_IF_ERROR(SyncFolder(paths.out));
       ASSIGN_OR_RETURN(outcome.assembled, FramesAssembled(job));
+      ASSIGN_OR_RETURN(outcome.files, FilesAssembled(job, outcome.assembled.value_or(std::vector<int>())));
       break;
   }
   return absl::OkStatus();
@@ -291,6 +340,7 @@ absl::Status TaskRunner::TakeAnswer(const Task& task, const JobRecord& job, cons
 
 absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const std::stop_token& stop,
                                  const TaskEvents& events, TaskOutcome& outcome) {
+  RETURN_IF_ERROR(inputs_.OfTask(task, job, stop));
   if (task.kind == TaskKind::kPrepare) {
     RETURN_IF_ERROR(MakeResultFolders(job));
     if (!job.depth_from.empty()) {
@@ -316,8 +366,8 @@ absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const s
     }
     const PlannedInterval& interval = intervals[static_cast<size_t>(position)];
     if (!finished.insert(interval.index).second) return absl::OkStatus();
-    RETURN_IF_ERROR(MoveInterval(task, job, interval));
-    return events.on_interval(interval, done.seconds);
+    ASSIGN_OR_RETURN(const std::vector<FileChecksum> files, MoveInterval(task, job, interval));
+    return events.on_interval(interval, done.seconds, files);
   };
   const auto on_line = [&](std::string_view text) {
     const ProgressLine line = ParseProgressLine(text);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/base/status.h"
+#include "server/jobs/input_check.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/task_protocol.h"
 #include "server/store/data_directory.h"
@@ -27,21 +28,24 @@ struct TaskOutcome {
   std::optional<JobPlan> plan;                 // of a prepare task that ended well
   // Of an assemble task that ended well, whose job has an output that is made of frames at the end: those that have it.
   std::optional<std::vector<int>> assembled;
+  std::vector<FileChecksum> files;  // that an assemble task which ended well left in the job's folder
 };
 
 // What the runner tells while the child runs, on the runner's thread.
 struct TaskEvents {
   std::function<void(std::string_view stage)> on_stage;
   std::function<void(int checked, int of)> on_checked;
-  // The frames of one interval, or their pictures, are in the job's out folder, durable. An error stops the child.
-  std::function<absl::Status(const PlannedInterval& interval, double seconds)> on_interval;
+  // The frames of one interval, or their pictures, are in the job's out folder, durable; `files` are all that came with
+  // them. An error stops the child.
+  std::function<absl::Status(const PlannedInterval& interval, double seconds, const std::vector<FileChecksum>& files)>
+      on_interval;
 };
 
 class TaskRunner {
  public:
-  // Borrows `directory` and `store`.
-  TaskRunner(const DataDirectory& directory, Store& store, const JobManagerOptions& options)
-      : directory_(directory), store_(store), options_(options) {}
+  // Borrows `directory`, `store` and `damage`.
+  TaskRunner(const DataDirectory& directory, Store& store, DamageLog& damage, const JobManagerOptions& options)
+      : directory_(directory), store_(store), inputs_(directory, store, damage), options_(options) {}
 
   // Returns when the child has ended. `job` is for all but validate tasks.
   // Threads: may be called concurrently, for different tasks. The child dies with the calling thread.
@@ -56,7 +60,11 @@ class TaskRunner {
   // Of a child that ended well: reads what it answered and makes durable what it left.
   absl::Status TakeAnswer(const Task& task, const JobRecord& job, const TaskPaths& paths, TaskOutcome& outcome);
   std::string ConstantsFile(const std::string& job_id) const;
-  absl::Status MoveInterval(const Task& task, const JobRecord& job, const PlannedInterval& interval);
+  // Returns the files that it moved.
+  absl::StatusOr<std::vector<FileChecksum>> MoveInterval(const Task& task, const JobRecord& job,
+                                                         const PlannedInterval& interval);
+  // What an assemble task left, but for what was there before.
+  absl::StatusOr<std::vector<FileChecksum>> FilesAssembled(const JobRecord& job, const std::vector<int>& frames);
   // Makes what later tasks find on the disk durable, before the plan is recorded.
   absl::Status MakeResultFolders(const JobRecord& job);
   // Which frames have a file of the output that is made at the end; nullopt if there is no such output.
@@ -66,6 +74,7 @@ class TaskRunner {
 
   const DataDirectory& directory_;
   Store& store_;
+  InputCheck inputs_;
   const JobManagerOptions options_;
 };
 

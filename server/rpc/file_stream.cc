@@ -15,12 +15,6 @@
 #include "server/telemetry/metrics.h"
 
 namespace depthtween::server {
-namespace {
-
-constexpr int64_t kChunkBytes = 256 << 10;
-
-}  // namespace
-
 FileStream::FileStream(CallRuntime& runtime, grpc::CallbackServerContext* context, JobManager& jobs,
                        const v1::ReadOutputRequest& request)
     : ServerStream(runtime, context, "ReadOutput", request.name()), jobs_(jobs), request_(request) {}
@@ -34,22 +28,33 @@ absl::StatusOr<FileStream::Next> FileStream::Produce() {
   if (position_ == end_) return Next::kEnd;
   v1::ReadOutputResponse& chunk = message();
   std::string& data = *chunk.mutable_data();
-  data.resize(std::min(kChunkBytes, end_ - position_));
-  ssize_t count = 0;
-  do {
-    count = pread(descriptor_, data.data(), data.size(), position_);
-  } while (count < 0 && errno == EINTR);
-  if (count < 0) return ErrnoStatus(errno, absl::StrCat("read ", request_.name()));
-  if (count == 0) {
-    return absl::DataLossError(absl::StrFormat("%s became shorter than %d bytes", request_.name(), size_bytes_));
+  // A whole block, because only that can be checked; of the first and the last one a part may be wanted.
+  const int64_t block = position_ / kChecksumBlockBytes, start = block * kChecksumBlockBytes;
+  data.resize(static_cast<size_t>(std::min(kChecksumBlockBytes, size_bytes_ - start)));
+  for (size_t filled = 0; filled < data.size();) {
+    const ssize_t got =
+        pread(descriptor_, data.data() + filled, data.size() - filled, start + static_cast<int64_t>(filled));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return ErrnoStatus(errno, absl::StrCat("read ", request_.name()));
+    if (got == 0) {
+      return absl::DataLossError(absl::StrFormat("%s became shorter than %d bytes", request_.name(), size_bytes_));
+    }
+    filled += static_cast<size_t>(got);
   }
-  data.resize(count);
+  if (checksum_ && !BlockMatches(*checksum_, block, data)) return Damaged();
+  data.resize(static_cast<size_t>(std::min(static_cast<int64_t>(data.size()), end_ - start)));
+  data.erase(0, static_cast<size_t>(position_ - start));
   chunk.set_offset(position_);
   chunk.set_crc32c(Crc32c(data));
   chunk.set_size_bytes(size_bytes_);
-  position_ += count;
-  CountBytes("out", count);
+  position_ += static_cast<int64_t>(data.size());
+  CountBytes("out", static_cast<int64_t>(data.size()));
   return Next::kMessage;
+}
+
+absl::Status FileStream::Damaged() {
+  RETURN_IF_ERROR(jobs_.Get(tenant(), job_id_).status());
+  return jobs_.Damaged(job_id_, output_);
 }
 
 absl::Status FileStream::Open() {
@@ -83,6 +88,10 @@ absl::Status FileStream::Open() {
     return ErrnoStatus(errno, absl::StrCat("open ", request_.name()));
   }
   size_bytes_ = facts.st_size;
+  job_id_ = ids.job_id;
+  output_ = output;
+  ASSIGN_OR_RETURN(checksum_, jobs_.Checksum(job_id_, output_));
+  if (checksum_ && checksum_->size_bytes != size_bytes_) return Damaged();
   if (request_.read_offset() > size_bytes_) {
     return WithErrorInfo(absl::OutOfRangeError(absl::StrFormat("read_offset = %d, the output has %d bytes",
                                                                request_.read_offset(), size_bytes_)),

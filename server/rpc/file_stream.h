@@ -3,6 +3,7 @@
 #define DEPTHTWEEN_SERVER_RPC_FILE_STREAM_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "depthtween/v1/output.pb.h"
@@ -21,10 +22,15 @@ class FileStream : public ServerStream<v1::ReadOutputResponse> {
   absl::StatusOr<Next> Produce() override;
   // Checks the request and opens the file. DataLoss (FILE_LOST) if it is gone.
   absl::Status Open();
+  // The error FILE_DAMAGED, unless the job is being deleted.
+  absl::Status Damaged();
 
   JobManager& jobs_;
   const v1::ReadOutputRequest request_;
   int descriptor_ = -1;  // held, so that all bytes come from one file even if the job is retried meanwhile
+  std::string job_id_;
+  OutputSpec output_{};
+  std::optional<FileChecksum> checksum_;  // of the file; none if it was made before there were any
   int64_t size_bytes_ = 0;
   int64_t position_ = 0;
   int64_t end_ = 0;

@@ -147,6 +147,12 @@ absl::Status FrameStream::Load(const FrameRecord& frame) {
     LogError("cannot read a frame", {{"error", std::string(stored.status().message())}});
     return absl::Status(stored.status().code(), absl::StrFormat("frame %d cannot be read", frame.index));
   }
+  ASSIGN_OR_RETURN(const std::optional<FileChecksum> checksum, jobs_.Checksum(job_id_, *output_, frame.stem));
+  if (checksum && !Matches(*checksum, *stored)) {
+    // A job that is being deleted says so itself.
+    RETURN_IF_ERROR(jobs_.Get(tenant(), job_id_).status());
+    return jobs_.Damaged(job_id_, *output_, frame.stem, frame.index);
+  }
   const bool metric = output_->kind == OutputKind::kDepth || output_->kind == OutputKind::kUncertainty;
   const double units_per_metre = metric ? job_.recording.depth_scale : 0.0;
   absl::StatusOr<std::string> bytes = EncodeFrame(*std::move(stored), *output_, encoding_, units_per_metre);

@@ -11,6 +11,7 @@
 #include <ctime>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <set>
 #include <string_view>
 #include <system_error>
@@ -24,6 +25,7 @@
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "proto/depthtween/sha256.h"
+#include "server/store/checksums.h"
 #include "server/store/data_directory.h"
 #include "server/store/error_info.h"
 #include "server/store/files.h"
@@ -60,6 +62,7 @@ struct CopiedFile {
   int64_t wanted_bytes = 0;
   int64_t bytes = 0;
   std::string sha256;
+  std::string blocks;  // as in FileChecksum; not of one that is linked
   bool linked = false;
 };
 
@@ -99,8 +102,10 @@ absl::StatusOr<CopiedFile> CopyAndHash(const std::string& from, const std::strin
   const absl::Cleanup close_out = [out] { close(out); };
   CopiedFile copied = {.source = FactsOf(info), .wanted_bytes = wanted_bytes};
   Sha256 hash;
+  BlockChecksums blocks;
   ASSIGN_OR_RETURN(copied.bytes, ReadPieces(in, from, wanted_bytes, [&](std::string_view left) -> absl::Status {
                      hash.Update(left);
+                     blocks.Update(left);
                      while (!left.empty()) {
                        const ssize_t written = write(out, left.data(), left.size());
                        if (written < 0 && errno == EINTR) continue;
@@ -112,6 +117,7 @@ absl::StatusOr<CopiedFile> CopyAndHash(const std::string& from, const std::strin
   const std::array<timespec, 2> times = {info.st_atim, info.st_mtim};
   if (futimens(out, times.data()) != 0) return ErrnoStatus(errno, "set the time of " + to);
   copied.sha256 = Hex(hash.Finish());
+  copied.blocks = blocks.Finish("").blocks;
   return copied;
 }
 
@@ -211,48 +217,58 @@ absl::StatusOr<Manifest> ReadManifest(const std::string& backup) {
 // ---- what is to be copied ----
 
 struct WantedFile {
-  std::string path;  // relative to the data folder
   int64_t bytes = kWhole;
+  std::optional<FileChecksum> checksum;
 };
 
 struct Contents {
-  std::vector<WantedFile> files;
-  int64_t bytes = 0;  // at the moment; jobs grow
+  std::map<std::string, WantedFile> files;  // by path relative to the data folder
+  int64_t bytes = 0;                        // at the moment; jobs grow
   int sequences = 0;
   int jobs = 0;
 };
 
-absl::Status AddSequences(Database& database, Contents& contents) {
+absl::Status AddSequences(Database& database, bool has_checksums, Contents& contents) {
   ASSIGN_OR_RETURN(const std::optional<int64_t> count, database.Number("SELECT count(*) FROM sequences"));
   contents.sequences = static_cast<int>(count.value_or(0));
   // The bytes of an upload follow one another in the order of its files: `start` is where a file's begin.
-  return database.Run(
-      "SELECT s.id, f.path, f.size_bytes, u.committed_size, u.finished, "
+  const std::string sql = absl::StrCat(
+      "SELECT s.id, f.path, f.size_bytes, ", has_checksums ? "f.checksums" : "NULL", ", u.committed_size, u.finished, ",
       "sum(f.size_bytes) OVER (PARTITION BY f.upload ORDER BY f.position) - f.size_bytes AS start "
-      "FROM files f JOIN uploads u ON u.number = f.upload JOIN sequences s ON s.number = f.sequence",
-      {}, [&contents](const SqlRow& row) {
-        const int64_t size = row.Int64(2), committed = row.Int64(3), start = row.Int64(5);
-        const bool begun = row.Int(4) != 0 || committed > start;
-        if (!begun) return;
-        const int64_t bytes = std::min(size, committed - start);
-        contents.files.push_back({.path = absl::StrCat("sequences/", row.Text(0), "/", row.Text(1)), .bytes = bytes});
-        contents.bytes += bytes;
-      });
+      "FROM files f JOIN uploads u ON u.number = f.upload JOIN sequences s ON s.number = f.sequence");
+  return database.Run(sql.c_str(), {}, [&contents](const SqlRow& row) {
+    const int64_t size = row.Int64(2), committed = row.Int64(4), start = row.Int64(6);
+    const bool begun = row.Int(5) != 0 || committed > start;
+    if (!begun) return;
+    WantedFile file = {.bytes = std::min(size, committed - start)};
+    if (!row.IsNull(3)) file.checksum = {.path = row.Text(1), .size_bytes = size, .blocks = row.Text(3)};
+    contents.bytes += file.bytes;
+    contents.files.emplace(absl::StrCat("sequences/", row.Text(0), "/", row.Text(1)), std::move(file));
+  });
 }
 
-absl::Status AddJobs(Database& database, const std::string& data_dir, Contents& contents) {
+absl::Status AddJobs(Database& database, const std::string& data_dir, bool has_checksums, Contents& contents) {
   std::vector<std::string> ids;
   RETURN_IF_ERROR(database.Run("SELECT id FROM jobs", {}, [&ids](const SqlRow& row) { ids.push_back(row.Text(0)); }));
   contents.jobs = static_cast<int>(ids.size());
+  if (has_checksums) {
+    RETURN_IF_ERROR(database.Run(
+        "SELECT j.id, f.path, f.size_bytes, f.checksums FROM job_files f JOIN jobs j ON j.number = f.job", {},
+        [&contents](const SqlRow& row) {
+          contents.files[absl::StrCat("jobs/", row.Text(0), "/", row.Text(1))] = {
+              .checksum = FileChecksum{.path = row.Text(1), .size_bytes = row.Int64(2), .blocks = row.Text(3)}};
+        }));
+  }
+  // What is not recorded may be needed too: what a job that has not ended has left so far.
   for (const std::string& id : ids) {
     const std::string folder = absl::StrCat(data_dir, "/jobs/", id);
     std::error_code error, ignored;
     for (backup_fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
          entry.increment(error)) {
       // A file that bears this ending is still being written.
-      if (!entry->is_regular_file(ignored) || entry->is_symlink(ignored) || entry->path().extension() == ".tmp")
-        continue;
-      contents.files.push_back({.path = entry->path().string().substr(data_dir.size() + 1)});
+      const bool whole = entry->path().extension() != ".tmp";
+      if (!whole || !entry->is_regular_file(ignored) || entry->is_symlink(ignored)) continue;
+      contents.files.try_emplace(entry->path().string().substr(data_dir.size() + 1));
       const auto size = entry->file_size(ignored);
       if (!ignored) contents.bytes += static_cast<int64_t>(size);
     }
@@ -277,7 +293,7 @@ class BackupMaker {
   // Copies what has not been copied yet, or has changed since. Returns the paths of those that could not be.
   absl::StatusOr<std::set<std::string>> CopyFiles(const Contents& contents);
   // True if the earlier backup has this file unchanged, and now this one too.
-  bool LinkUnchanged(const WantedFile& wanted, const struct stat& source);
+  bool LinkUnchanged(const std::string& path, int64_t wanted_bytes, const struct stat& source);
   absl::Status DropWhatIsNotIn(const Contents& contents);
   std::string Source(const std::string& path) const { return absl::StrCat(data_dir_, "/", path); }
   std::string Target(const std::string& path) const { return absl::StrCat(partial_, "/", path); }
@@ -307,26 +323,29 @@ absl::StatusOr<Contents> BackupMaker::TakeDatabase() {
   if (verdict != "ok")
     return absl::DataLossError(absl::StrCat("the database of ", data_dir_, " is damaged: ", verdict));
   Contents contents;
-  RETURN_IF_ERROR(AddSequences(*database, contents));
-  RETURN_IF_ERROR(AddJobs(*database, data_dir_, contents));
+  // A server that is about to be replaced by a newer one may have an older database.
+  ASSIGN_OR_RETURN(const std::optional<int64_t> has_checksums,
+                   database->Number("SELECT 1 FROM sqlite_schema WHERE name = 'job_files'"));
+  RETURN_IF_ERROR(AddSequences(*database, has_checksums.has_value(), contents));
+  RETURN_IF_ERROR(AddJobs(*database, data_dir_, has_checksums.has_value(), contents));
   return contents;
 }
 
-bool BackupMaker::LinkUnchanged(const WantedFile& wanted, const struct stat& source) {
-  const auto known = earlier_.sha256_of.find(wanted.path);
+bool BackupMaker::LinkUnchanged(const std::string& path, int64_t wanted_bytes, const struct stat& source) {
+  const auto known = earlier_.sha256_of.find(path);
   if (known == earlier_.sha256_of.end()) return false;
-  const std::string file = absl::StrCat(options_.link_unchanged_from, "/", wanted.path);
+  const std::string file = absl::StrCat(options_.link_unchanged_from, "/", path);
   struct stat before {};
   if (lstat(file.c_str(), &before) != 0 || !S_ISREG(before.st_mode)) return false;
   FileFacts is = FactsOf(source), was = FactsOf(before);
   is.inode = was.inode;
-  const bool whole = wanted.bytes == kWhole || wanted.bytes == is.size_bytes;
-  if (!whole || is != was || link(file.c_str(), Target(wanted.path).c_str()) != 0) return false;
-  copied_[wanted.path] = {.source = FactsOf(source),
-                          .wanted_bytes = wanted.bytes,
-                          .bytes = was.size_bytes,
-                          .sha256 = known->second,
-                          .linked = true};
+  const bool whole = wanted_bytes == kWhole || wanted_bytes == is.size_bytes;
+  if (!whole || is != was || link(file.c_str(), Target(path).c_str()) != 0) return false;
+  copied_[path] = {.source = FactsOf(source),
+                   .wanted_bytes = wanted_bytes,
+                   .bytes = was.size_bytes,
+                   .sha256 = known->second,
+                   .linked = true};
   return true;
 }
 
@@ -335,15 +354,15 @@ absl::StatusOr<std::set<std::string>> BackupMaker::CopyFiles(const Contents& con
   CopyProgress progress = {.files_total = static_cast<int64_t>(contents.files.size()), .bytes_total = contents.bytes};
   std::string folder;  // made last
   faults_.clear();
-  for (const WantedFile& wanted : contents.files) {
-    const std::string from = Source(wanted.path), to = Target(wanted.path);
+  for (const auto& [path, wanted] : contents.files) {
+    const std::string from = Source(path), to = Target(path);
     if (const std::string of = to.substr(0, to.rfind('/')); of != folder) {
       RETURN_IF_ERROR(MakeFolder(of));
       folder = of;
     }
     struct stat info {};
     const bool there = lstat(from.c_str(), &info) == 0 && S_ISREG(info.st_mode);
-    const auto before = copied_.find(wanted.path);
+    const auto before = copied_.find(path);
     const bool done = there && before != copied_.end() && before->second.source == FactsOf(info) &&
                       before->second.wanted_bytes == wanted.bytes;
     if (!done && before != copied_.end()) {
@@ -351,21 +370,29 @@ absl::StatusOr<std::set<std::string>> BackupMaker::CopyFiles(const Contents& con
       if (unlink(to.c_str()) != 0 && errno != ENOENT) return ErrnoStatus(errno, "replace " + to);
       copied_.erase(before);
     }
-    if (!done && !(there && LinkUnchanged(wanted, info))) {
+    if (!done && !(there && LinkUnchanged(path, wanted.bytes, info))) {
       absl::StatusOr<CopiedFile> made = CopyAndHash(from, to, wanted.bytes);
       if (absl::IsNotFound(made.status()) || absl::IsDataLoss(made.status())) {
-        failed.insert(wanted.path);
-        faults_.push_back(absl::StrCat(wanted.path, there ? " cannot be read" : " is missing"));
+        failed.insert(path);
+        faults_.push_back(absl::StrCat(path, there ? " cannot be read" : " is missing"));
         if (unlink(to.c_str()) != 0 && errno != ENOENT) return ErrnoStatus(errno, "remove " + to);
         continue;
       }
       RETURN_IF_ERROR(made.status());
-      copied_[wanted.path] = *std::move(made);
+      copied_[path] = *std::move(made);
     }
-    const CopiedFile& copied = copied_.at(wanted.path);
+    const CopiedFile& copied = copied_.at(path);
     if (wanted.bytes != kWhole && copied.bytes < wanted.bytes) {
-      failed.insert(wanted.path);
-      faults_.push_back(absl::StrCat(wanted.path, " has ", copied.bytes, " bytes, must have ", wanted.bytes));
+      failed.insert(path);
+      faults_.push_back(absl::StrCat(path, " has ", copied.bytes, " bytes, must have ", wanted.bytes));
+    } else if (wanted.checksum && copied.bytes == wanted.checksum->size_bytes && !copied.linked &&
+               copied.blocks != wanted.checksum->blocks) {
+      failed.insert(path);
+      faults_.push_back(absl::StrCat(path, " is damaged: its bytes are not those that were stored"));
+    } else if (wanted.bytes == kWhole && wanted.checksum && copied.bytes != wanted.checksum->size_bytes) {
+      failed.insert(path);
+      faults_.push_back(
+          absl::StrCat(path, " has ", copied.bytes, " bytes, ", wanted.checksum->size_bytes, " were stored"));
     }
     ++progress.files;
     progress.bytes += copied.bytes;
@@ -375,10 +402,8 @@ absl::StatusOr<std::set<std::string>> BackupMaker::CopyFiles(const Contents& con
 }
 
 absl::Status BackupMaker::DropWhatIsNotIn(const Contents& contents) {
-  std::set<std::string> wanted;
-  for (const WantedFile& file : contents.files) wanted.insert(file.path);
   for (auto file = copied_.begin(); file != copied_.end();) {
-    if (wanted.count(file->first) > 0) {
+    if (contents.files.count(file->first) > 0) {
       ++file;
       continue;
     }

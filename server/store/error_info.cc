@@ -82,6 +82,17 @@ absl::Status FileOfJobLost(std::string_view job, std::string_view what, int fram
   return Lost(job, frame, absl::StrCat("the ", View(what), " of frame ", frame, " of ", View(job)));
 }
 
+absl::Status FileDamaged(std::string_view resource, std::string_view file, int frame) {
+  ErrorInfo info = {.reason = "FILE_DAMAGED",
+                    .metadata = {{"resource", std::string(resource)}, {"file", std::string(file)}}};
+  if (frame >= 0) info.metadata["frame"] = absl::StrCat(frame);
+  return WithErrorInfo(
+      absl::DataLossError(absl::StrCat(frame >= 0 ? absl::StrCat("frame ", frame, " of ") : "", View(resource),
+                                       ": the bytes of ", View(file), " are no longer those that were stored; restore ",
+                                       "them from a backup, or delete it and create it again")),
+      info);
+}
+
 absl::Status DiskFull(std::string_view message) {
   return WithErrorInfo(
       absl::ResourceExhaustedError(

@@ -29,6 +29,7 @@ namespace depthtween::server {
 //   SEQUENCE_GONE          FailedPrecondition   resource
 //   NO_SUCH_FRAME          OutOfRange           frame_count
 //   FILE_LOST              DataLoss             resource (output, job or sequence), and frame if it is of one
+//   FILE_DAMAGED           DataLoss             resource, and frame, as FILE_LOST; file (relative to the data folder)
 //   SERVER_BUSY            ResourceExhausted
 //   SERVER_STOPPING        Unavailable
 //   NO_SUCH_RESOURCE       NotFound             resource ("sequences/...", "jobs/...")
@@ -60,6 +61,10 @@ absl::Status ServerBusy(std::string_view why);
 absl::Status FileLost(std::string_view output, int frame = -1);
 // A file that a job keeps beside its outputs is lost: `what` is "motion".
 absl::Status FileOfJobLost(std::string_view job, std::string_view what, int frame);
+
+// A file whose bytes are no longer those that were stored. `resource` is what a client knows it by: an output, a job or
+// a sequence; `file` is its path in the data folder; `frame` < 0: it is of no single frame.
+absl::Status FileDamaged(std::string_view resource, std::string_view file, int frame = -1);
 
 }  // namespace depthtween::server
 

@@ -16,6 +16,7 @@
 #include "core/options/job_options.h"
 #include "core/sequence/clock_estimate.h"
 #include "core/sequence/self_check.h"
+#include "server/store/checksums.h"
 
 namespace depthtween::server {
 
@@ -177,6 +178,7 @@ struct JobPlan {
   std::vector<PlannedFrame> frames;
   bool depth_done = false;  // it was taken over from another job
   std::optional<ClockEstimate> clock_estimate;
+  std::vector<FileChecksum> files;  // that it left in the job's folder
 };
 
 struct FrameRecord {
@@ -204,6 +206,22 @@ struct Task {
   int interval_count = 0;
   int render = 0;    // kRender only: into JobRecord::renders
   int failures = 0;  // of earlier attempts (for kIntervals and kRender: at its first interval)
+};
+
+// ---- files ----
+
+// A file whose bytes the store knows.
+struct StoredFile {
+  std::string path;                      // relative to the data folder: "jobs/ID/out/report.json"
+  std::string resource;                  // what it is of: "jobs/ID" or "sequences/ID"
+  std::optional<FileChecksum> checksum;  // nullopt: it was stored before there were checksums
+};
+
+// How far a scrub is.
+struct ScrubRecord {
+  absl::Time start_time = absl::InfinitePast();  // of this round; InfinitePast: there has been none
+  std::string cursor;                            // as Store::StoredFiles takes it
+  bool over = true;                              // every file has been checked in this round
 };
 
 }  // namespace depthtween::server

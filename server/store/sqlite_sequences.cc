@@ -40,6 +40,11 @@ constexpr char kSequenceColumns[] =
     "tenant "
     "FROM sequences ";
 
+// Sequences in state ?1 of which nothing has come since ?2; of all, or ?3 alone.
+constexpr char kAbandoned[] =
+    "SELECT id FROM sequences s WHERE state = ?1 AND update_time_us < ?2 AND (?3 IS NULL OR id = ?3) "
+    "AND NOT EXISTS (SELECT 1 FROM uploads u WHERE u.sequence = s.number AND u.progress_time_us >= ?2)";
+
 absl::StatusOr<SequenceRecord> ToSequence(const SqlRow& row) {
   SequenceRecord record = {.id = row.Text(0),
                            .display_name = row.Text(1),
@@ -140,8 +145,31 @@ absl::Status SqliteStore::DeleteSequence(const Tenant& tenant, std::string_view 
       return WrongState(ToString(record.state),
                         absl::StrCat("jobs/", job, " still needs the sequence; cancel it first"));
     }
-    RETURN_IF_ERROR(database_->Run("DELETE FROM requests WHERE made_id = ? OR scope = ?", {id, UploadScope(id)}));
-    return database_->Run("DELETE FROM sequences WHERE id = ?", {id});
+    return RemoveSequence(id);
+  });
+}
+
+absl::Status SqliteStore::RemoveSequence(std::string_view id) {
+  RETURN_IF_ERROR(database_->Run("DELETE FROM requests WHERE made_id = ? OR scope = ?", {id, UploadScope(id)}));
+  return database_->Run("DELETE FROM sequences WHERE id = ?", {id});
+}
+
+absl::StatusOr<std::vector<std::string>> SqliteStore::AbandonedSequences(absl::Time before) {
+  return Read([&]() -> absl::StatusOr<std::vector<std::string>> {
+    std::vector<std::string> ids;
+    RETURN_IF_ERROR(database_->Run(kAbandoned, {SequenceState::kUploading, absl::ToUnixMicros(before), nullptr},
+                                   [&ids](const SqlRow& row) { ids.push_back(row.Text(0)); }));
+    return ids;
+  });
+}
+
+absl::Status SqliteStore::DeleteAbandonedSequence(std::string_view id, absl::Time before) {
+  return Transact([&]() -> absl::Status {
+    bool abandoned = false;
+    RETURN_IF_ERROR(database_->Run(kAbandoned, {SequenceState::kUploading, absl::ToUnixMicros(before), id},
+                                   [&abandoned](const SqlRow& /*row*/) { abandoned = true; }));
+    if (!abandoned) return WrongState(ToString(SequenceState::kUploading), "the upload has gone on, or is over");
+    return RemoveSequence(id);
   });
 }
 
@@ -222,14 +250,19 @@ absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(const Tenant& tenant, std
                            absl::StrFormat("the sequence would have %d files, at most %d are allowed", file_count,
                                            limits_.max_files_per_sequence));
     }
-    if (size_bytes > room_bytes) {
-      return DiskFull(absl::StrFormat("the upload needs %d bytes, there is room for %d", size_bytes, room_bytes));
+    ASSIGN_OR_RETURN(const std::optional<int64_t> announced,
+                     database_->Number("SELECT sum(size_bytes - committed_size) FROM uploads WHERE finished = 0"));
+    const int64_t room_left = std::max<int64_t>(0, room_bytes - announced.value_or(0));
+    if (size_bytes > room_left) {
+      return DiskFull(absl::StrFormat(
+          "the upload needs %d bytes, there is room for %d beside the uploads that have begun", size_bytes, room_left));
     }
     ASSIGN_OR_RETURN(const int64_t number, SequenceNumber(tenant, sequence_id));
     RETURN_IF_ERROR(CheckNewFiles(number, files));
     const std::string id = NewId();
-    RETURN_IF_ERROR(database_->Run("INSERT INTO uploads (id, sequence, size_bytes, create_time_us) VALUES (?, ?, ?, ?)",
-                                   {id, number, size_bytes, NowUs()}));
+    RETURN_IF_ERROR(database_->Run(
+        "INSERT INTO uploads (id, sequence, size_bytes, create_time_us, progress_time_us) VALUES (?1, ?2, ?3, ?4, ?4)",
+        {id, number, size_bytes, NowUs()}));
     const int64_t upload = database_->LastInsertedRow();
     for (size_t position = 0; position < files.size(); ++position) {
       const UploadFile& file = files[position];
@@ -288,7 +321,8 @@ absl::StatusOr<std::vector<UploadFile>> SqliteStore::UploadFiles(std::string_vie
   });
 }
 
-absl::Status SqliteStore::SetCommittedSize(std::string_view upload_id, int64_t committed_size) {
+absl::Status SqliteStore::SetCommittedSize(std::string_view upload_id, int64_t committed_size,
+                                           const std::vector<FileChecksum>& complete) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const UploadRecord upload, ReadUpload(Tenant::Everyone(), upload_id));
     if (upload.finished) return WrongState("FINISHED", "the upload is finished and takes no more bytes");
@@ -296,7 +330,14 @@ absl::Status SqliteStore::SetCommittedSize(std::string_view upload_id, int64_t c
       return absl::InternalError(
           absl::StrFormat("committed_size = %d, must be 0 to %d", committed_size, upload.size_bytes));
     }
-    return database_->Run("UPDATE uploads SET committed_size = ? WHERE id = ?", {committed_size, upload_id});
+    for (const FileChecksum& file : complete) {
+      RETURN_IF_ERROR(
+          database_->Run("UPDATE files SET checksums = ? WHERE path = ? AND sequence = (SELECT number FROM "
+                         "sequences WHERE id = ?) AND size_bytes = ?",
+                         {SqlValue::Blob{file.blocks}, file.path, upload.sequence_id, file.size_bytes}));
+    }
+    return database_->Run("UPDATE uploads SET committed_size = ?, progress_time_us = ? WHERE id = ?",
+                          {committed_size, NowUs(), upload_id});
   });
 }
 
@@ -308,7 +349,8 @@ absl::StatusOr<UploadRecord> SqliteStore::FinishUpload(std::string_view upload_i
       return WrongState("RECEIVING", absl::StrFormat("the upload has %d of %d bytes; send the rest before finish",
                                                      upload.committed_size, upload.size_bytes));
     }
-    RETURN_IF_ERROR(database_->Run("UPDATE uploads SET finished = 1 WHERE id = ?", {upload_id}));
+    RETURN_IF_ERROR(
+        database_->Run("UPDATE uploads SET finished = 1, progress_time_us = ? WHERE id = ?", {NowUs(), upload_id}));
     upload.finished = true;
     return upload;
   });

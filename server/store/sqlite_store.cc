@@ -23,6 +23,17 @@ absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, 
   return std::make_unique<SqliteStore>(std::move(database), limits);
 }
 
+absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStoreToRead(const std::string& file) {
+  ASSIGN_OR_RETURN(std::unique_ptr<Database> database, Database::OpenToRead(file));
+  ASSIGN_OR_RETURN(const int64_t version, database->SchemaVersion());
+  if (version != static_cast<int64_t>(SchemaSteps().size())) {
+    return absl::FailedPreconditionError(
+        absl::StrFormat("%s has schema %d, this program knows %d; a start of the server brings an older one up to date",
+                        file, version, SchemaSteps().size()));
+  }
+  return std::make_unique<SqliteStore>(std::move(database), Limits());
+}
+
 absl::StatusOr<std::optional<std::string>> SqliteStore::FolderId() {
   return Read([&]() -> absl::StatusOr<std::optional<std::string>> {
     std::optional<std::string> id;

@@ -14,6 +14,10 @@ namespace depthtween::server {
 // FailedPrecondition if a newer version of the server made it; DataLoss if the file is not a database or is damaged.
 absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, const Limits& limits);
 
+// The same to look at, without changing the file, which another process may be writing: methods that would write fail.
+// FailedPrecondition if its schema is not this version's; NotFound if there is no such file.
+absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStoreToRead(const std::string& file);
+
 }  // namespace depthtween::server
 
 #endif  // DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_H_

@@ -1,4 +1,4 @@
-// The class behind OpenSqliteStore; its methods are spread over sqlite_{sequences,jobs,work}.cc.
+// The class behind OpenSqliteStore; its methods are spread over sqlite_{sequences,jobs,work,files}.cc.
 #ifndef DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_IMPL_H_
 #define DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_IMPL_H_
 
@@ -39,8 +39,11 @@ class SqliteStore : public Store {
   absl::StatusOr<UploadRecord> GetUpload(const Tenant& tenant, std::string_view sequence_id,
                                          std::string_view upload_id) override;
   absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) override;
-  absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size) override;
+  absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size,
+                                const std::vector<FileChecksum>& complete) override;
   absl::StatusOr<UploadRecord> FinishUpload(std::string_view upload_id) override;
+  absl::StatusOr<std::vector<std::string>> AbandonedSequences(absl::Time before) override;
+  absl::Status DeleteAbandonedSequence(std::string_view id, absl::Time before) override;
   absl::StatusOr<SequenceRecord> CommitSequence(const Tenant& tenant, std::string_view id) override;
 
   absl::StatusOr<JobRecord> CreateJob(const Tenant& tenant, const NewJob& job, std::string_view request_id,
@@ -60,11 +63,21 @@ class SqliteStore : public Store {
   absl::Status FinishValidation(int64_t task, const ValidationResult& result) override;
   absl::Status FinishSelfCheck(int64_t task, const SelfCheck& check) override;
   absl::Status FinishPrepare(int64_t task, const JobPlan& plan) override;
-  absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) override;
-  absl::Status CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled) override;
+  absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds,
+                                           const std::vector<FileChecksum>& files) override;
+  absl::Status CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled,
+                            const std::vector<FileChecksum>& files) override;
   absl::Status FailTask(int64_t task, const absl::Status& error, bool retry) override;
   absl::Status ReleaseTask(int64_t task) override;
   absl::Status ReleaseAllTasks() override;
+
+  absl::StatusOr<std::optional<FileChecksum>> JobFile(std::string_view job_id, std::string_view path) override;
+  absl::StatusOr<std::vector<FileChecksum>> JobFiles(std::string_view job_id) override;
+  absl::StatusOr<std::vector<FileChecksum>> SequenceFiles(std::string_view sequence_id) override;
+  absl::StatusOr<Page<StoredFile>> StoredFiles(const PageRequest& page) override;
+  absl::StatusOr<int64_t> StoredBytes() override;
+  absl::StatusOr<ScrubRecord> GetScrub() override;
+  absl::Status SetScrub(const ScrubRecord& scrub) override;
 
  private:
   // A task as its row holds it.
@@ -104,6 +117,7 @@ class SqliteStore : public Store {
 
   absl::StatusOr<int64_t> SequenceNumber(const Tenant& tenant, std::string_view id);
   absl::StatusOr<SequenceRecord> ReadSequence(const Tenant& tenant, std::string_view id);
+  absl::Status RemoveSequence(std::string_view id);
   absl::Status TouchSequence(int64_t number, SequenceState state);
   absl::StatusOr<UploadRecord> ReadUpload(const Tenant& tenant, std::string_view id);
   absl::Status CheckNewFiles(int64_t sequence, const std::vector<UploadFile>& files);
@@ -129,6 +143,7 @@ class SqliteStore : public Store {
   // After a task of the job ended: what comes next.
   absl::Status SettleJob(int64_t job);
   absl::Status Release(const TaskRow& task);
+  absl::Status KeepJobFiles(int64_t job, const std::vector<FileChecksum>& files);
   absl::Status Fail(const TaskRow& task, const absl::Status& error, bool retry);
 
   std::mutex mutex_;

@@ -227,18 +227,21 @@ absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {
             {row.job, interval.index, render, needs_first, needs_last}));
       }
     }
+    RETURN_IF_ERROR(KeepJobFiles(row.job, plan.files));
     RETURN_IF_ERROR(RemoveTask(task));
     return SettleJob(row.job);
   });
 }
 
-absl::StatusOr<JobRecord> SqliteStore::FinishInterval(int64_t task, int interval, double seconds) {
+absl::StatusOr<JobRecord> SqliteStore::FinishInterval(int64_t task, int interval, double seconds,
+                                                      const std::vector<FileChecksum>& files) {
   return Transact([&]() -> absl::StatusOr<JobRecord> {
     ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
     if (interval < row.first_interval || interval >= row.first_interval + row.interval_count) {
       return absl::InternalError(absl::StrFormat("task %d reported interval %d, it was given %d to %d", task, interval,
                                                  row.first_interval, row.first_interval + row.interval_count - 1));
     }
+    RETURN_IF_ERROR(KeepJobFiles(row.job, files));
     if (row.kind == TaskKind::kRender) {
       RETURN_IF_ERROR(database_->Run(
           "UPDATE render_parts SET done = 1, task = NULL WHERE job = ? AND interval = ? AND render = ? AND done = 0",
@@ -265,10 +268,12 @@ absl::StatusOr<JobRecord> SqliteStore::FinishInterval(int64_t task, int interval
   });
 }
 
-absl::Status SqliteStore::CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled) {
+absl::Status SqliteStore::CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled,
+                                       const std::vector<FileChecksum>& files) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const TaskRow row, RunningTask(task));
     RETURN_IF_ERROR(RemoveTask(task));
+    RETURN_IF_ERROR(KeepJobFiles(row.job, files));
     if (row.kind == TaskKind::kAssemble) {
       ASSIGN_OR_RETURN(const JobRecord job, ReadJob(row.job));
       if (assembled) {

@@ -71,8 +71,9 @@ class Store {
   virtual absl::Status DeleteSequence(const Tenant& tenant, std::string_view id) = 0;
 
   // ---- uploads ----
-  // Checks paths, sizes and limits. InvalidArgument names the file; AlreadyExists (DUPLICATE_PATH) if the sequence has
-  // it; ResourceExhausted (LIMIT_EXCEEDED); FailedPrecondition unless kUploading.
+  // Checks paths, sizes and limits, and that `room_bytes`, the room on the disk, has space for this upload beside what
+  // unfinished ones have announced and not sent yet. InvalidArgument names the file; AlreadyExists (DUPLICATE_PATH) if
+  // the sequence has it; ResourceExhausted (LIMIT_EXCEEDED); FailedPrecondition unless kUploading.
   virtual absl::StatusOr<UploadRecord> CreateUpload(const Tenant& tenant, std::string_view sequence_id,
                                                     const std::vector<UploadFile>& files, int64_t room_bytes,
                                                     std::string_view request_id) = 0;
@@ -80,14 +81,21 @@ class Store {
                                                  std::string_view upload_id) = 0;
   // The manifest, in order.
   virtual absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) = 0;
-  // Moves committed_size. FailedPrecondition if the upload is finished or its sequence is no longer kUploading.
-  virtual absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size) = 0;
+  // Moves committed_size, and keeps the checksums of the files that are complete with it. FailedPrecondition if the
+  // upload is finished or its sequence is no longer kUploading.
+  virtual absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size,
+                                        const std::vector<FileChecksum>& complete = {}) = 0;
   // FailedPrecondition unless every byte is committed. Repeating it changes nothing.
   virtual absl::StatusOr<UploadRecord> FinishUpload(std::string_view upload_id) = 0;
 
   // kUploading -> kValidating, with a validate task. FailedPrecondition if an upload is unfinished or there is none.
   // Repeating it changes nothing.
   virtual absl::StatusOr<SequenceRecord> CommitSequence(const Tenant& tenant, std::string_view id) = 0;
+
+  // Of those that are kUploading, the ones of which no byte has come since `before`.
+  virtual absl::StatusOr<std::vector<std::string>> AbandonedSequences(absl::Time before) = 0;
+  // Deletes one of them. FailedPrecondition if bytes have come meanwhile.
+  virtual absl::Status DeleteAbandonedSequence(std::string_view id, absl::Time before) = 0;
 
   // ---- jobs ----
   // FailedPrecondition unless the sequence is kReady, or when job.depth_from has no depth to give; InvalidArgument when
@@ -140,13 +148,16 @@ class Store {
   virtual absl::Status FinishSelfCheck(int64_t task, const SelfCheck& check) = 0;
   // What a prepare task found. Ends the task. A plan without intervals is InvalidArgument.
   virtual absl::Status FinishPrepare(int64_t task, const JobPlan& plan) = 0;
-  // An interval of an intervals or a render task is done: its files are durable. Returns the job. Repeating it changes
-  // nothing.
-  virtual absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds) = 0;
+  // An interval of an intervals or a render task is done: its files are durable, and these are their checksums. Returns
+  // the job. Repeating it changes nothing.
+  virtual absl::StatusOr<JobRecord> FinishInterval(int64_t task, int interval, double seconds,
+                                                   const std::vector<FileChecksum>& files = {}) = 0;
   // Ends an intervals, render or assemble task whose child ended well. Intervals it left undone go back. When the last
   // interval of a job is computed and rendered, creates the assemble task; when that one ends, the job has kSucceeded.
   // `assembled` are the frames that an assemble task has made a file for, if it makes any: FrameRecord::assembled.
-  virtual absl::Status CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled = std::nullopt) = 0;
+  // `files` are what it left in the job's folder.
+  virtual absl::Status CompleteTask(int64_t task, const std::optional<std::vector<int>>& assembled = std::nullopt,
+                                    const std::vector<FileChecksum>& files = {}) = 0;
   // Ends an attempt that went wrong. With `retry` and fewer than `kMaxAttempts` failures the work goes back to be
   // claimed anew; otherwise the job is kFailed (the sequence kInvalid) with `error`, and its other tasks lose their
   // claims.
@@ -155,6 +166,20 @@ class Store {
   virtual absl::Status ReleaseTask(int64_t task) = 0;
   // After a restart: releases every task that was running.
   virtual absl::Status ReleaseAllTasks() = 0;
+
+  // ---- files ----
+  // The checksum of one file of a job; nullopt if none is recorded.
+  virtual absl::StatusOr<std::optional<FileChecksum>> JobFile(std::string_view job_id, std::string_view path) = 0;
+  // Of all files of a job or a sequence that have one, by path. None if there is no such job or sequence.
+  virtual absl::StatusOr<std::vector<FileChecksum>> JobFiles(std::string_view job_id) = 0;
+  virtual absl::StatusOr<std::vector<FileChecksum>> SequenceFiles(std::string_view sequence_id) = 0;
+  // All files that are stored, page by page in an order that does not change; `page.token` is a next_token. Files that
+  // come or go meanwhile are listed or not.
+  virtual absl::StatusOr<Page<StoredFile>> StoredFiles(const PageRequest& page) = 0;
+  // The bytes of all of them.
+  virtual absl::StatusOr<int64_t> StoredBytes() = 0;
+  virtual absl::StatusOr<ScrubRecord> GetScrub() = 0;
+  virtual absl::Status SetScrub(const ScrubRecord& scrub) = 0;
 };
 
 // Attempts at one piece of work before its job fails.

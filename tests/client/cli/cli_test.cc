@@ -111,7 +111,8 @@ TEST(DescribeOptions, AreTheFlagsOfTheOrder) {
 
 TEST(DescribeLost, SaysHowManyWhichAndWhatToDo) {
   EXPECT_EQ(DescribeLost("jobs/7", {{.output = "jobs/7/outputs/report", .place = "report.json"}}, "out"),
-            "jobs/7: report.json is lost from the server's disk; everything else that is ready is in out. To recreate "
+            "jobs/7: report.json is lost or damaged on the server's disk; everything else that is ready is in out. To "
+            "recreate "
             "it, run 'depthtween delete jobs/7' and submit again");
   const std::vector<client::LostOutput> lost = {
       {.output = "jobs/7/outputs/depth", .place = "depth", .frames = {3, 8, 9, 10}},
@@ -119,7 +120,8 @@ TEST(DescribeLost, SaysHowManyWhichAndWhatToDo) {
       {.output = "jobs/7/outputs/report", .place = "report.json"}};
   EXPECT_EQ(
       DescribeLost("jobs/7", lost, "out"),
-      "jobs/7: 4 frames of depth (3, 8-10), 1 frame of dof? (0) and report.json are lost from the server's disk; "
+      "jobs/7: 4 frames of depth (3, 8-10), 1 frame of dof? (0) and report.json are lost or damaged on the server's "
+      "disk; "
       "everything else that is ready is in out. To recreate them, run 'depthtween delete jobs/7' and submit again");
   EXPECT_EQ(LostToJson(lost).dump(),
             R"([{"frames":[3,8,9,10],"output":"jobs/7/outputs/depth"},{"frames":[0],"output":"jobs/7/outputs/dof"},)"

@@ -231,10 +231,10 @@ class FakeOutputs : public v1::OutputService::Service {
     }
     return Status::OK;
   }
-  // As a server says it of what it made and has no more.
+  // As a server says it of what it made and has no more: frames are lost, files are damaged.
   static Status Lost(int frame = -1) {
     google::rpc::ErrorInfo info;
-    info.set_reason("FILE_LOST");
+    info.set_reason(frame >= 0 ? "FILE_LOST" : "FILE_DAMAGED");
     if (frame >= 0) (*info.mutable_metadata())["frame"] = absl::StrCat(frame);
     google::rpc::Status details;
     details.add_details()->PackFrom(info);

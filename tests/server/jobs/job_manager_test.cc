@@ -257,6 +257,35 @@ TEST_F(JobManagerTest, StartsOnAFullDisk) {
   Close();
 }
 
+// After kill -9 with a task running, on a disk that has no room to record that its work is to be done again: the server
+// starts, serves and deletes, and does that work once there is room.
+TEST_F(JobManagerTest, StartsOnAFullDiskWithWorkThatWasCutOff) {
+  const SmallDisk disk("4m");
+  ASSERT_TRUE(disk.mounted()) << kNeedsMount;
+  OpenStores(disk.path());
+  StartJobs();
+  const std::string sequence = ReadySequence(), finished = NewJobOn(sequence);
+  ASSERT_EQ(Ended(finished).record.state, JobState::kSucceeded);
+  jobs_.reset();
+  const std::string job = Take(store_->CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
+  const Task task = Take(store_->ClaimTask([](const JobRecord&, TaskKind) { return 1; })).value();
+  EXPECT_EQ(task.job_id, job);
+  Close();
+  // The database's log keeps its space, which would be enough; here it has lost it.
+  std::filesystem::resize_file(disk.path() + "/depthtween.sqlite-wal", 0);
+  WriteText(disk.path() + "/filler", std::string(5 << 20, 'x'));  // as much of it as there is room for
+  OpenStores(disk.path());
+  StartJobs(1, {.min_free_bytes = 700 << 10});
+  EXPECT_THAT(store_->ReleaseTask(task.number), HasReason(absl::StatusCode::kResourceExhausted, "DISK_FULL"))
+      << "it is still to be done";
+  EXPECT_EQ(State(job), JobState::kRunning) << "as it was";
+  EXPECT_EQ(Frame(finished, "depth", "000001"), "depth 1");
+  EXPECT_THAT(jobs_->Delete(kTenant, finished), IsOk());
+  std::filesystem::remove(disk.path() + "/filler");
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+  Close();
+}
+
 TEST_F(JobManagerTest, CancelFreesTheProcessor) {
   Start(1, {.grace = absl::Milliseconds(300)});
   // The child ignores SIGTERM, and so does a process that it has started.
@@ -719,6 +748,7 @@ TEST_F(JobManagerTest, DepthThatIsTakenOverIsWhole) {
   // A job that kept no motion has none to lose.
   const std::string without = NewJobOn(sequence);
   ASSERT_EQ(Ended(without).record.state, JobState::kSucceeded);
+  ForgetChecksums(without);
   for (const char* const report : {"interval_000000.json", "interval_000001.json", "interval_000002.json"}) {
     WriteText(file(without, report), R"({"motion_frames":0})");
   }

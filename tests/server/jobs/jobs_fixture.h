@@ -18,6 +18,7 @@
 #include "server/jobs/job_manager.h"
 #include "server/jobs/sequences.h"
 #include "server/store/folder_blob_store.h"
+#include "server/store/sqlite.h"
 #include "server/store/sqlite_store.h"
 #include "tests/server/server_fixtures.h"
 
@@ -118,6 +119,13 @@ class JobsFixture : public testing::Test {
     std::vector<int> intervals = Logged(sequence, "interval");
     std::sort(intervals.begin(), intervals.end());
     return intervals;
+  }
+  // Has the store forget the checksums of the job's files, as if an older version had made them: the test puts others in
+  // their place.
+  void ForgetChecksums(const std::string& job) {
+    EXPECT_THAT(Take(Database::Open(directory_->DatabaseFile()))
+                    ->Run("DELETE FROM job_files WHERE job = (SELECT number FROM jobs WHERE id = ?)", {job}),
+                IsOk());
   }
   // Lets fake_core go on where its script says wait_at.
   void Go(const std::string& sequence) { WriteText(directory_->SequenceFolder(sequence) + "/go", ""); }

@@ -222,5 +222,32 @@ TEST_F(SequencesTest, FullDiskFailsTheUploadAndHarmsNothingElse) {
   Close();
 }
 
+// However an upload was cut, each complete file has the checksum of its bytes, and no other has one.
+TEST_F(SequencesTest, ChecksumsAreThoseOfTheFiles) {
+  std::string large(static_cast<size_t>(kChecksumBlockBytes) + 100, 'a');
+  for (size_t i = 0; i < large.size(); i += 7) large[i] = static_cast<char>(i);
+  for (const bool hashed : {false, true}) {
+    if (hashed) {
+      id_ = Take(sequences_->Create(kTenant, "", "")).id;
+      all_.clear();
+    }
+    const UploadRecord upload = StartUpload({{"empty", ""}, {"first", "abc"}, {"large", large}, {"last", "x"}}, hashed);
+    const auto size = static_cast<int64_t>(all_.size());
+    int64_t sent = 0;
+    for (const int64_t to : {int64_t{2}, int64_t{3}, int64_t{100}, kChecksumBlockBytes + 3, size - 1, size}) {
+      auto writer = OpenUpload(upload);
+      EXPECT_THAT(
+          Send(*writer, sent, std::string_view(all_).substr(static_cast<size_t>(sent), static_cast<size_t>(to - sent))),
+          IsOk());
+      sent = to;
+      EXPECT_THAT(writer->Close(), IsOk());
+      const std::vector<FileChecksum> files = Take(store_->SequenceFiles(id_));
+      EXPECT_EQ(files.size(), 1U + (to >= 3 ? 1 : 0) + (to >= size - 1 ? 1 : 0) + (to == size ? 1 : 0)) << to;
+      for (const FileChecksum& file : files) EXPECT_TRUE(Matches(file, Content(file.path))) << file.path;
+    }
+    EXPECT_THAT(OpenUpload(upload)->Finish(), IsOk());
+  }
+}
+
 }  // namespace
 }  // namespace depthtween::server

@@ -11,6 +11,8 @@
 #include "core/io/png.h"
 #include "proto/depthtween/crc32c.h"
 #include "server/rpc/frame_encoding.h"
+#include "server/store/checksums.h"
+#include "server/store/sqlite.h"
 #include "tests/server/rpc/rpc_fixture.h"
 
 namespace depthtween::server {
@@ -221,6 +223,84 @@ TEST_F(OutputServiceTest, WhatIsLostIsSaidToBeLost) {
   EXPECT_EQ(ended.error_message().find(StoredFile(job, "")), std::string::npos) << "it says no path of the server's";
 }
 
+// One flipped bit of a frame and of a file: what is whole before and after it is served, what is not never is.
+TEST_F(OutputServiceTest, DamagedFilesAreNamedAndNeverServed) {
+  const v1::Job job = WaitUntilEnded(CreateJob(ReadySequence()).name());
+  const std::string depth = StoredFile(job, "depth/000002.png"), report = StoredFile(job, "report.json");
+  for (const std::string& file : {depth, report}) {
+    std::string bytes = ReadText(file);
+    bytes.back() = static_cast<char>(bytes.back() ^ 2);
+    WriteText(file, bytes);
+  }
+  const auto ends = [&](int start_frame) {
+    v1::StreamFramesRequest stream;
+    stream.set_name(job.name() + "/outputs/depth");
+    stream.set_start_frame(start_frame);
+    grpc::ClientContext context;
+    const auto reader = outputs_stub().StreamFrames(&context, stream);
+    int next = start_frame;
+    for (v1::FrameChunk chunk; reader->Read(&chunk);) next = chunk.next_frame();
+    return std::pair(next, reader->Finish());
+  };
+  for (int again = 0; again < 3; ++again) {
+    const auto [next, ended] = ends(0);
+    EXPECT_EQ(next, 2);
+    EXPECT_THAT(ended, Fails(grpc::DATA_LOSS, "FILE_DAMAGED"));
+    const auto info = Detail<google::rpc::ErrorInfo>(ended);
+    EXPECT_EQ(info->metadata().at("resource"), job.name() + "/outputs/depth");
+    EXPECT_EQ(info->metadata().at("frame"), "2");
+    EXPECT_EQ(info->metadata().at("file"), job.name() + "/out/depth/000002.png");
+    EXPECT_EQ(ended.error_message().find(directory().path()), std::string::npos) << "it says no path of the server's";
+  }
+  EXPECT_EQ(ends(3).first, 6);
+  EXPECT_THAT(ends(3).second, Succeeds());
+
+  v1::ReadOutputRequest read;
+  read.set_name(job.name() + "/outputs/report");
+  grpc::ClientContext context;
+  const auto reader = outputs_stub().ReadOutput(&context, read);
+  v1::ReadOutputResponse part;
+  EXPECT_FALSE(reader->Read(&part));
+  EXPECT_THAT(reader->Finish(), Fails(grpc::DATA_LOSS, "FILE_DAMAGED"));
+  EXPECT_EQ(jobs().damage().files(), 2) << "each is logged once";
+}
+
+// A video of several blocks, one of which is damaged: ranges beside it are served, by whatever bytes they begin and
+// end.
+TEST_F(OutputServiceTest, OnlyTheDamagedPartOfALargeFileIsRefused) {
+  const v1::Job job = WaitUntilEnded(CreateJob(ReadySequence()).name());
+  const std::string video = RandomBytes(3 * kChecksumBlockBytes + 1000, 7), file = StoredFile(job, "report.json");
+  WriteText(file, video);
+  const FileChecksum checksum = Take(ChecksumOf(file, "out/report.json"));
+  EXPECT_THAT(Take(Database::Open(directory().DatabaseFile()))
+                  ->Run("UPDATE job_files SET size_bytes = ?, checksums = ? WHERE path = ?",
+                        {checksum.size_bytes, SqlValue::Blob{checksum.blocks}, checksum.path}),
+              IsOk());
+  const auto read = [&](int64_t offset, int64_t limit) {
+    v1::ReadOutputRequest request;
+    request.set_name(job.name() + "/outputs/report");
+    request.set_read_offset(offset);
+    request.set_read_limit(limit);
+    grpc::ClientContext context;
+    const auto reader = outputs_stub().ReadOutput(&context, request);
+    std::string bytes;
+    for (v1::ReadOutputResponse part; reader->Read(&part);) bytes += part.data();
+    return std::pair(bytes, reader->Finish());
+  };
+  EXPECT_EQ(read(0, 0).first, video);
+  for (const int64_t offset : {int64_t{0}, int64_t{5}, kChecksumBlockBytes - 1, 2 * kChecksumBlockBytes}) {
+    EXPECT_EQ(read(offset, 700).first, video.substr(static_cast<size_t>(offset), 700)) << offset;
+  }
+  std::string damaged = video;
+  damaged[static_cast<size_t>(kChecksumBlockBytes) + 9] ^= 1;
+  WriteText(file, damaged);
+  EXPECT_EQ(read(0, kChecksumBlockBytes).first, video.substr(0, static_cast<size_t>(kChecksumBlockBytes)));
+  EXPECT_EQ(read(2 * kChecksumBlockBytes, 0).first, video.substr(2 * static_cast<size_t>(kChecksumBlockBytes)));
+  const auto [bytes, ended] = read(0, 0);
+  EXPECT_EQ(static_cast<int64_t>(bytes.size()), kChecksumBlockBytes);
+  EXPECT_THAT(ended, Fails(grpc::DATA_LOSS, "FILE_DAMAGED"));
+}
+
 // What a job of scene flow offers, and that a frame of it leaves as it is stored.
 TEST_F(OutputServiceTest, SceneFlowJobsOfferTheirFormats) {
   v1::CreateJobRequest order;
@@ -268,6 +348,7 @@ TEST(FrameEncoding, SceneFlowLeavesAsItIsStored) {
 TEST_F(OutputServiceTest, StreamsStoredFilesInChunks) {
   const v1::Job job = SucceededJob();
   const std::string large = RandomBytes(1'300'000, 7);
+  ForgetChecksums(job);
   WriteText(StoredFile(job, "depth/000001.png"), large);
   std::vector<Frame> frames;
   ASSERT_THAT(ReadAll(Request(job, "depth"), &frames), Succeeds());
@@ -297,6 +378,7 @@ TEST_F(OutputServiceTest, EncodingsAgreeBitForBit) {
   stored(3, 2) = 65535;
   Image<uint8_t> provenance(4, 3);
   for (int i = 0; i < 12; ++i) provenance.data()[i] = static_cast<uint8_t>(i % 6);
+  ForgetChecksums(job);
   for (int frame = 0; frame < 6; ++frame) {
     const std::string name = "/00000" + std::to_string(frame) + ".png";
     ASSERT_THAT(WritePng16(StoredFile(job, "depth" + name), stored), IsOk());
@@ -497,6 +579,7 @@ TEST_F(OutputServiceTest, DamagedResultsAreDataLoss) {
 TEST_F(OutputServiceTest, FilesAreReadFromAnyPosition) {
   const v1::Job job = SucceededJob();
   const std::string report = RandomBytes(700'000, 5);
+  ForgetChecksums(job);
   WriteText(StoredFile(job, "report.json"), report);
   const std::string name = job.name() + "/outputs/report";
   std::string bytes;
@@ -522,6 +605,7 @@ TEST_F(OutputServiceTest, ReadersThatDoNotReadHoldNoThread) {
   rpc_options.call_threads = 2;
   const v1::Job job = SucceededJob();
   // Larger than what the transport buffers, so that the writes really wait.
+  ForgetChecksums(job);
   for (int frame = 0; frame < 6; ++frame) {
     WriteText(StoredFile(job, "depth/00000" + std::to_string(frame) + ".png"), RandomBytes(1 << 20, frame));
   }

@@ -4,6 +4,7 @@
 #include <thread>
 
 #include "proto/depthtween/crc32c.h"
+#include "server/store/sqlite.h"
 #include "server/telemetry/log.h"
 
 namespace depthtween::server {
@@ -133,6 +134,12 @@ v1::Job RpcTest::GetJob(const std::string& name) {
   v1::Job job;
   EXPECT_THAT(jobs_stub().GetJob(&context, request, &job), Succeeds());
   return job;
+}
+
+void RpcTest::ForgetChecksums(const v1::Job& job) {
+  EXPECT_THAT(Take(Database::Open(directory().DatabaseFile()))
+                  ->Run("DELETE FROM job_files WHERE job = (SELECT number FROM jobs WHERE id = ?)", {IdOf(job.name())}),
+              IsOk());
 }
 
 v1::Job RpcTest::WaitUntilEnded(const std::string& name) {

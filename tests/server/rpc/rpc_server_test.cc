@@ -304,6 +304,7 @@ TEST_F(RpcServerTest, StoppingEndsEveryStream) {
 // A client that does not read cannot keep the server from stopping.
 TEST_F(RpcServerTest, StoppingDoesNotWaitForReadersThatDoNotRead) {
   const v1::Job job = WaitUntilEnded(CreateJob(ReadySequence()).name());
+  ForgetChecksums(job);
   WriteText(directory().OutFolder(IdOf(job.name())) + "/depth/000000.png", RandomBytes(8 << 20, 1));
   grpc::ChannelArguments arguments;
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
