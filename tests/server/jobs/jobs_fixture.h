@@ -120,8 +120,8 @@ class JobsFixture : public testing::Test {
     std::sort(intervals.begin(), intervals.end());
     return intervals;
   }
-  // Has the store forget the checksums of the job's files, as if an older version had made them: the test puts others in
-  // their place.
+  // Has the store forget the checksums of the job's files, as if an older version had made them: the test puts others
+  // in their place.
   void ForgetChecksums(const std::string& job) {
     EXPECT_THAT(Take(Database::Open(directory_->DatabaseFile()))
                     ->Run("DELETE FROM job_files WHERE job = (SELECT number FROM jobs WHERE id = ?)", {job}),

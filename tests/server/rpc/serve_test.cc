@@ -87,7 +87,7 @@ TEST_F(ServeTest, BacksUpWhatItServesAndServesWhatWasRestored) {
   waitpid(server, nullptr, 0);
   std::filesystem::remove_all(folder_ / "data");
   EXPECT_EQ(Run({"restore", "--from", folder_ / "backup", "--data-dir", folder_ / "data"}), 0);
-  EXPECT_THAT(CheckHealth(Serve(), absl::Seconds(60)), IsOk());
+  EXPECT_THAT(CheckHealth(Serve(), "", absl::Seconds(60)), IsOk());
 }
 
 // Recordings are nobody else's to read, whatever the mask of the shell.

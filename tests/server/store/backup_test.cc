@@ -6,7 +6,9 @@
 
 #include <algorithm>
 
+#include "server/store/checksums.h"
 #include "server/store/folder_blob_store.h"
+#include "server/store/schema.h"
 #include "server/store/sqlite.h"
 #include "server/store/sqlite_store.h"
 #include "tests/server/server_fixtures.h"
@@ -122,6 +124,32 @@ TEST_F(BackupTest, ALostFileIsNamedAndTheRestIsKept) {
   EXPECT_THAT(summary.faults, ElementsAre(folder + "a is missing", folder + "rgb/b has 4 bytes, must have 6"));
   EXPECT_EQ(ReadText(to_ + "/" + folder + "rgb/b"), "seco");
   EXPECT_THAT(RestoreBackup(to_, new_), IsOk()) << "as good as it was";
+}
+
+TEST_F(BackupTest, ADamagedFileIsNamed) {
+  const std::string id = Take(store_->CreateSequence(kTenant, "", "")).id;
+  const UploadRecord upload =
+      Take(store_->CreateUpload(kTenant, id, {{.path = "a", .size_bytes = 5}}, /*room_bytes=*/1000, ""));
+  EXPECT_THAT(blobs_->Write(id, "a", 0, "first"), IsOk());
+  const std::string file = directory_->SequenceFolder(id) + "/a";
+  EXPECT_THAT(store_->SetCommittedSize(upload.id, 5, {Take(ChecksumOf(file, "a"))}), IsOk());
+  EXPECT_THAT(Take(MakeBackup(data_, to_)).faults, IsEmpty());
+  WriteText(file, "fisrt");
+  EXPECT_THAT(Take(MakeBackup(data_, folder_ / "second")).faults,
+              ElementsAre("sequences/" + id + "/a is damaged: its bytes are not those that were stored"));
+}
+
+// As before an update of the server, whose start changes the schema.
+TEST_F(BackupTest, OfAnOlderVersionToo) {
+  Close();
+  for (const char* end : {"", "-wal", "-shm"}) fs::remove(data_ + "/" + kDatabaseName + end);
+  const std::vector<std::string>& steps = SchemaSteps();
+  EXPECT_THAT(Take(Database::Open(data_ + "/" + kDatabaseName))->Migrate({steps.begin(), steps.begin() + 3}), IsOk());
+  EXPECT_THAT(MakeBackup(data_, to_), IsOk());
+  Take(RestoreBackup(to_, new_));
+  EXPECT_THAT(OpenSqliteStoreToRead(new_ + "/" + kDatabaseName), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(OpenSqliteStore(new_ + "/" + kDatabaseName, {}), IsOk());
+  EXPECT_THAT(OpenSqliteStoreToRead(new_ + "/" + kDatabaseName), IsOk());
 }
 
 TEST_F(BackupTest, AChangedOrMissingByteFailsTheRestoreAndLeavesNothing) {
