@@ -70,6 +70,7 @@ find_package(PkgConfig REQUIRED)
 #   code   every library          tests      every test program
 #   json   those that speak JSON  rpc_tests  tests of those that speak gRPC
 #   rpc    those that speak gRPC
+#   http   those that speak HTTP    http_tests  tests of those
 # Sources still include what they use: the preset tidy compiles each by itself.
 set(PRECOMPILED_code <algorithm> <array> <cmath> <cstdint> <cstdlib> <filesystem> <functional> <limits> <map> <memory>
   <optional> <set> <string> <string_view> <utility> <vector> <absl/status/status.h> <absl/status/statusor.h>
@@ -77,8 +78,10 @@ set(PRECOMPILED_code <algorithm> <array> <cmath> <cstdint> <cstdlib> <filesystem
   <Eigen/Core> <Eigen/Geometry>)
 set(PRECOMPILED_json ${PRECOMPILED_code} <absl/time/time.h> <nlohmann/json.hpp>)
 set(PRECOMPILED_rpc ${PRECOMPILED_json} <grpcpp/grpcpp.h>)
+set(PRECOMPILED_http ${PRECOMPILED_rpc} <boost/asio.hpp> <boost/asio/ssl.hpp> <boost/beast/http.hpp>)
 set(PRECOMPILED_tests ${PRECOMPILED_json} <gmock/gmock.h> <gtest/gtest.h>)
 set(PRECOMPILED_rpc_tests ${PRECOMPILED_rpc} <gmock/gmock.h> <gtest/gtest.h>)
+set(PRECOMPILED_http_tests ${PRECOMPILED_http} <gmock/gmock.h> <gtest/gtest.h>)
 
 # depthtween_precompile(core_flow code): the target's sources are compiled with the headers of that kind.
 function(depthtween_precompile TARGET KIND)
@@ -92,7 +95,7 @@ function(depthtween_precompile TARGET KIND)
     endif()
     # What its users link may define macros and set flags; the headers must be compiled with the same.
     target_link_libraries(precompiled_${KIND} PRIVATE depthtween_flags Eigen3::Eigen
-      $<$<BOOL:$<FILTER:${KIND},INCLUDE,rpc>>:gRPC::grpc++> $<$<BOOL:$<FILTER:${KIND},INCLUDE,tests>>:GTest::gmock>)
+      $<$<BOOL:$<FILTER:${KIND},INCLUDE,rpc|http>>:gRPC::grpc++> $<$<BOOL:$<FILTER:${KIND},INCLUDE,tests>>:GTest::gmock>)
     target_precompile_headers(precompiled_${KIND} PRIVATE ${PRECOMPILED_${KIND}})
   endif()
   target_include_directories(${TARGET} SYSTEM PRIVATE ${EIGEN3_INCLUDE_DIRS})
