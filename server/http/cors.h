@@ -1,0 +1,27 @@
+// Which web pages may use the server: headers of the Fetch standard's CORS protocol, for origins that are allowed.
+#ifndef DEPTHTWEEN_SERVER_HTTP_CORS_H_
+#define DEPTHTWEEN_SERVER_HTTP_CORS_H_
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "server/http/exchange.h"
+
+namespace depthtween::server {
+
+// For every answer: none without an Origin, or for one that is not allowed. The allowed ones are compared as text; "*"
+// allows all.
+HttpHeaders CorsHeaders(const std::vector<std::string>& allowed_origins, const HttpRequest& request);
+
+// The answer to a preflight (OPTIONS with Access-Control-Request-Method) for a path with these methods; nullopt for any
+// other request. An origin that is not allowed gets 403.
+std::optional<HttpResponse> PreflightResponse(const std::vector<std::string>& allowed_origins,
+                                              const HttpRequest& request, const std::vector<std::string>& methods);
+
+// Whether it can be the value of an Origin header: "https://example.org", "http://localhost:5173", or "*".
+bool IsOrigin(std::string_view text);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_HTTP_CORS_H_

@@ -1,0 +1,17 @@
+// What a load balancer or an orchestrator asks: is the process up, and does it take work.
+#ifndef DEPTHTWEEN_SERVER_HTTP_PROBES_H_
+#define DEPTHTWEEN_SERVER_HTTP_PROBES_H_
+
+#include "server/http/calls.h"
+#include "server/http/router.h"
+
+namespace depthtween::server {
+
+// GET /healthz   200 whenever this process answers at all
+// GET /readyz    200 if grpc.health.v1 says SERVING, else 503; the body says which
+// `channel` must outlive the router.
+void AddProbes(Router& router, RpcChannel& channel);
+
+}  // namespace depthtween::server
+
+#endif  // DEPTHTWEEN_SERVER_HTTP_PROBES_H_
