@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_format.h"
 
@@ -59,6 +60,10 @@ absl::Status CheckHeaders(int version, const HttpHeaders& headers) {
   const int lengths = CountHeader(headers, "Content-Length");
   const int encodings = CountHeader(headers, "Transfer-Encoding");
   if (lengths > 1) return absl::InvalidArgumentError("the request has more than one Content-Length");
+  const std::string length = ValueOf(headers, "Content-Length");
+  if (lengths == 1 && (length.empty() || !std::all_of(length.begin(), length.end(), absl::ascii_isdigit))) {
+    return absl::InvalidArgumentError("the request's Content-Length is not a number");
+  }
   if (lengths > 0 && encodings > 0) {
     return absl::InvalidArgumentError("the request has both Content-Length and Transfer-Encoding");
   }

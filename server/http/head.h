@@ -14,9 +14,9 @@ namespace depthtween::server {
 // line that begins with a blank (obs-fold); a blank before the colon. ResourceExhausted: more than `max_headers` lines.
 absl::Status CheckHeadBytes(std::string_view head, size_t max_headers);
 
-// The parsed headers of a request with version 1.0 (10) or 1.1 (11). InvalidArgument: Content-Length more than once, or
-// together with Transfer-Encoding; Transfer-Encoding in 1.0; Host missing or more than once in 1.1. Unimplemented: a
-// Transfer-Encoding other than "chunked"; an Expect other than "100-continue".
+// The parsed headers of a request with version 1.0 (10) or 1.1 (11). InvalidArgument: Content-Length that is no number,
+// more than once, or together with Transfer-Encoding; Transfer-Encoding in 1.0; Host missing or more than once in 1.1.
+// Unimplemented: a Transfer-Encoding other than "chunked"; an Expect other than "100-continue".
 absl::Status CheckHeaders(int version, const HttpHeaders& headers);
 
 }  // namespace depthtween::server

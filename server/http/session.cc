@@ -30,7 +30,8 @@ namespace beast_http = boost::beast::http;
 
 using Parser = beast_http::request_parser<beast_http::buffer_body>;
 
-constexpr size_t kReadBytes = 64 << 10;
+constexpr size_t kReadHeadBytes = 4 << 10;
+constexpr size_t kReadBytes = 64 << 10;  // of a body
 // A line of a chunked body, or its trailers, that is longer than this is no honest one.
 constexpr size_t kMaxUnparsedBytes = 16 << 10;
 // What is left of a body is read and dropped up to this, to keep the connection for the next request.
@@ -117,7 +118,8 @@ class Session::Request : public Exchange {
         keep_alive_ = false;
         co_return absl::InvalidArgumentError("the request's body has a chunk head or trailers that are too long");
       }
-      const absl::Status filled = co_await session_.Fill(absl::Now() + session_.shared_.options.body_timeout);
+      const absl::Status filled =
+          co_await session_.Fill(kReadBytes, absl::Now() + session_.shared_.options.body_timeout);
       if (!filled.ok()) {
         keep_alive_ = false;
         if (absl::IsCancelled(filled)) MarkGone();
@@ -256,7 +258,7 @@ asio::awaitable<void> Session::Run(std::shared_ptr<Session> session) {
 
 void Session::Drain() {
   asio::post(transport_->executor(), [self = shared_from_this()] {
-    if (self->current_ == nullptr && self->buffer_.empty()) self->transport_->Close();
+    if (self->idle_) self->transport_->Close();
   });
 }
 
@@ -268,10 +270,10 @@ void Session::Cut() {
 }
 
 // Appends at least one byte to buffer_.
-asio::awaitable<absl::Status> Session::Fill(absl::Time deadline) {
+asio::awaitable<absl::Status> Session::Fill(size_t bytes, absl::Time deadline) {
   const size_t before = buffer_.size();
-  buffer_.resize(before + kReadBytes);
-  const absl::StatusOr<size_t> count = co_await transport_->ReadSome(buffer_.data() + before, kReadBytes, deadline);
+  buffer_.resize(before + bytes);
+  const absl::StatusOr<size_t> count = co_await transport_->ReadSome(buffer_.data() + before, bytes, deadline);
   buffer_.resize(before + count.value_or(0));
   if (!count.ok()) co_return count.status();
   co_return *count == 0 ? absl::CancelledError("the client is gone") : absl::OkStatus();
@@ -280,7 +282,10 @@ asio::awaitable<absl::Status> Session::Fill(absl::Time deadline) {
 // Until buffer_ begins with a whole head, whose size is returned. Cancelled: the client went, or sent nothing for long.
 asio::awaitable<absl::StatusOr<size_t>> Session::ReadHead() {
   if (buffer_.empty()) {
-    const absl::Status begun = co_await Fill(absl::Now() + shared_.options.idle_timeout);
+    std::string().swap(buffer_);  // an idle connection holds no more than it must
+    idle_ = true;
+    const absl::Status begun = co_await Fill(kReadHeadBytes, absl::Now() + shared_.options.idle_timeout);
+    idle_ = false;
     if (!begun.ok()) co_return absl::CancelledError("the client sends no further request");
   }
   const absl::Time deadline = absl::Now() + shared_.options.head_timeout;
@@ -290,12 +295,13 @@ asio::awaitable<absl::StatusOr<size_t>> Session::ReadHead() {
       if (end == 0 || buffer_[end - 1] != '\r') {
         co_return absl::InvalidArgumentError("a line of the request's head does not end in CR LF");
       }
+      if (line == 0 && end > shared_.options.max_target_bytes) co_return absl::OutOfRangeError("");
       if (end - line == 1) co_return end + 1;
       line = end + 1;
     }
     if (line == 0 && buffer_.size() > shared_.options.max_target_bytes) co_return absl::OutOfRangeError("");
     if (buffer_.size() > shared_.options.max_head_bytes) co_return absl::ResourceExhaustedError("");
-    CO_RETURN_IF_ERROR(co_await Fill(deadline));
+    CO_RETURN_IF_ERROR(co_await Fill(kReadHeadBytes, deadline));
   }
 }
 

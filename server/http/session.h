@@ -41,7 +41,7 @@ class Session : public std::enable_shared_from_this<Session> {
 
   boost::asio::awaitable<bool> ServeOne();
   boost::asio::awaitable<absl::StatusOr<size_t>> ReadHead();
-  boost::asio::awaitable<absl::Status> Fill(absl::Time deadline);
+  boost::asio::awaitable<absl::Status> Fill(size_t bytes, absl::Time deadline);
   boost::asio::awaitable<void> Refuse(int http_status, absl::Status status);
 
   SessionShared& shared_;
@@ -49,6 +49,7 @@ class Session : public std::enable_shared_from_this<Session> {
   const std::string peer_;
   std::string buffer_;          // read and not yet used
   Request* current_ = nullptr;  // the one under way
+  bool idle_ = true;            // no byte of a request has come
 };
 
 }  // namespace depthtween::server
