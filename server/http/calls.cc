@@ -73,9 +73,16 @@ class Signal {
     while (!set_) co_await timer_.async_wait(asio::as_tuple(asio::use_awaitable));
     set_ = false;
   }
+  // false: not yet.
+  asio::awaitable<bool> WaitWithin(absl::Duration patience) {
+    timer_.expires_after(absl::ToChronoNanoseconds(patience));
+    if (!set_) co_await timer_.async_wait(asio::as_tuple(asio::use_awaitable));
+    timer_.expires_at(asio::steady_timer::time_point::max());
+    co_return std::exchange(set_, false);
+  }
 
  private:
-  asio::steady_timer timer_;  // never expires: cancelling it wakes the waiter
+  asio::steady_timer timer_;  // cancelling it wakes the waiter; without patience it never expires
   bool set_ = false;
 };
 
@@ -183,6 +190,7 @@ class RpcCall::State : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::By
   // On the executor only.
   Signal read{executor_}, written{executor_}, done{executor_};
   bool read_ok = true, write_ok = false;
+  bool reading = false;
   bool finished = false;
   grpc::ByteBuffer to_write, to_read;  // while an operation is under way
   grpc::Status status;
@@ -223,18 +231,34 @@ asio::awaitable<void> RpcCall::CloseWriting() {
 }
 
 asio::awaitable<bool> RpcCall::Read(grpc::ByteBuffer* message) {
+  std::optional<bool> read;
+  while (!read) read = co_await ReadWithin(absl::Hours(1), message);
+  co_return *read;
+}
+
+asio::awaitable<bool> RpcCall::Read(google::protobuf::Message* message) {
+  std::optional<bool> read;
+  while (!read) read = co_await ReadWithin(absl::Hours(1), message);
+  co_return *read;
+}
+
+asio::awaitable<std::optional<bool>> RpcCall::ReadWithin(absl::Duration patience, grpc::ByteBuffer* message) {
   if (!state_->read_ok) co_return false;
-  state_->to_read.Clear();
-  state_->StartRead(&state_->to_read);
-  co_await state_->read.Wait();
+  if (!std::exchange(state_->reading, true)) {
+    state_->to_read.Clear();
+    state_->StartRead(&state_->to_read);
+  }
+  const bool read = co_await state_->read.WaitWithin(patience);
+  if (!read) co_return std::nullopt;
+  state_->reading = false;
   if (state_->read_ok) message->Swap(&state_->to_read);
   co_return state_->read_ok;
 }
 
-asio::awaitable<bool> RpcCall::Read(google::protobuf::Message* message) {
+asio::awaitable<std::optional<bool>> RpcCall::ReadWithin(absl::Duration patience, google::protobuf::Message* message) {
   grpc::ByteBuffer bytes;
-  if (!co_await Read(&bytes)) co_return false;
-  if (Parse(&bytes, message).ok()) co_return true;
+  const std::optional<bool> read = co_await ReadWithin(patience, &bytes);
+  if (!read || !*read || Parse(&bytes, message).ok()) co_return read;
   Cancel();  // both sides are one program: its own message that it cannot read is memory gone wrong
   co_return false;
 }

@@ -17,8 +17,10 @@
 #include <boost/asio/awaitable.hpp>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 
+#include "absl/time/time.h"
 #include "server/http/exchange.h"
 
 namespace grpc {
@@ -65,6 +67,9 @@ class RpcCall {
   // false: there is no more; Finish says why.
   boost::asio::awaitable<bool> Read(google::protobuf::Message* message);
   boost::asio::awaitable<bool> Read(grpc::ByteBuffer* message);
+  // The same within `patience`; nullopt: there is none yet, read again.
+  boost::asio::awaitable<std::optional<bool>> ReadWithin(absl::Duration patience, google::protobuf::Message* message);
+  boost::asio::awaitable<std::optional<bool>> ReadWithin(absl::Duration patience, grpc::ByteBuffer* message);
   // Waits for the end and returns the answer's status; what is still to be read is dropped. Cancel first so as not to
   // wait.
   boost::asio::awaitable<grpc::Status> Finish();

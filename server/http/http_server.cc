@@ -25,6 +25,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+#include "server/http/bridge.h"
 #include "server/http/calls.h"
 #include "server/http/cors.h"
 #include "server/http/probes.h"
@@ -132,6 +133,7 @@ class HttpServer::Impl {
       ASSIGN_OR_RETURN(tls_, TlsContext::Load(options.tls_cert, options.tls_key, options.tls_client_ca));
     }
     AddProbes(shared_.router, channel_);
+    AddBridge(shared_.router, channel_, ApiMethods(ApiFiles()), options);
     if (add_routes) add_routes(shared_.router, channel_);
     ASSIGN_OR_RETURN(const std::vector<Tcp::endpoint> endpoints, Resolve(context_, options.listen));
     RETURN_IF_ERROR(Bind(endpoints.front()));
