@@ -25,6 +25,7 @@
 #include "core/sandbox/sandbox.h"
 #include "server/access/guard.h"
 #include "server/data_commands.h"
+#include "server/http/http_server.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/machine_memory.h"
 #include "server/jobs/sequences.h"
@@ -61,6 +62,9 @@ struct ServeOptions {
   std::string port_file;
   double drain_s = 10;
   RpcServerOptions rpc;
+  bool with_http = false;
+  std::string http_port_file;
+  HttpServerOptions http;
   GuardOptions guard;
   JobManagerOptions jobs;
   Limits limits;
@@ -111,9 +115,18 @@ std::string CoreBesideThisProgram() {
   return (self.parent_path() / "depthtween-core").string();
 }
 
-std::string BoundAddress(const RpcServerOptions& options, int port) {
-  if (options.listen.rfind("unix:", 0) == 0) return options.listen;
-  return absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
+std::string BoundAddress(const std::string& listen, int port) {
+  if (listen.rfind("unix:", 0) == 0) return listen;
+  return absl::StrCat(listen.substr(0, listen.rfind(':')), ":", port);
+}
+
+// Both listeners are protected in the same way.
+HttpServerOptions HttpOptions(const ServeOptions& options, const Guard& guard) {
+  HttpServerOptions http = options.http;
+  http.tokens = guard.asks_for_tokens();
+  http.insecure_listen_anywhere = options.rpc.insecure_listen_anywhere;
+  http.tls = options.rpc.tls;
+  return http;
 }
 
 // Connections, streams and children all need descriptors; the usual soft limit of 1,024 is there for select(), which
@@ -134,6 +147,8 @@ absl::Status Serve(const ServeOptions& options) {
   if (!opened.ok()) return WithContext(opened.status(), "--tokens");
   const std::unique_ptr<Guard> guard = *std::move(opened);
   RETURN_IF_ERROR(options.rpc.Validate(guard->asks_for_tokens()));
+  const HttpServerOptions http_options = HttpOptions(options, *guard);
+  if (options.with_http) RETURN_IF_ERROR(WithContext(http_options.Validate(), "--http-listen"));
 
   // Each borrows those above it and is destroyed before them.
   ASSIGN_OR_RETURN(
@@ -161,21 +176,34 @@ absl::Status Serve(const ServeOptions& options) {
   ASSIGN_OR_RETURN(const std::unique_ptr<RpcServer> server,
                    RpcServer::Start(options.rpc, options.limits, *directory, *guard, sequences, *jobs, health));
 
-  const std::string address = BoundAddress(options.rpc, server->port());
+  std::unique_ptr<HttpServer> http;
+  if (options.with_http) {
+    ASSIGN_OR_RETURN(http, HttpServer::Start(http_options, server->InProcessChannel()));
+  }
+
+  const std::string address = BoundAddress(options.rpc.listen, server->port());
+  const bool tls = options.rpc.tls.enabled();
+  const std::string http_address =
+      http == nullptr ? ""
+                      : absl::StrCat(tls ? "https://" : "http://", BoundAddress(http_options.listen, http->port()));
   if (!options.port_file.empty()) RETURN_IF_ERROR(WriteFile(options.port_file, absl::StrCat(server->port(), "\n")));
-  absl::PrintF("%s ready on %s%s: %d workers, data in %s\n", kVersion, address,
-               options.rpc.tls.enabled() ? " with TLS" : "", jobs->workers(), directory->path());
+  if (http != nullptr && !options.http_port_file.empty()) {
+    RETURN_IF_ERROR(WriteFile(options.http_port_file, absl::StrCat(http->port(), "\n")));
+  }
+  absl::PrintF("%s ready on %s%s%s: %d workers, data in %s\n", kVersion, address, tls ? " with TLS" : "",
+               http == nullptr ? "" : absl::StrCat(" and ", http_address), jobs->workers(), directory->path());
   std::fflush(stdout);
   LogInfo("ready", {{"version", DEPTHTWEEN_VERSION},
                     {"address", address},
-                    {"tls", options.rpc.tls.enabled() ? "yes" : "no"},
+                    {"http", http_address},
+                    {"tls", tls ? "yes" : "no"},
                     {"tokens", guard->asks_for_tokens() ? "yes" : "no"},
                     {"workers", absl::StrCat(jobs->workers())},
                     {"data_dir", directory->path()}});
   if (options.rpc.insecure_listen_anywhere) {
-    LogWarning("open_to_everyone", {{"address", address},
-                                    {"tls", options.rpc.tls.enabled() ? "yes" : "no"},
-                                    {"tokens", guard->asks_for_tokens() ? "yes" : "no"}});
+    LogWarning(
+        "open_to_everyone",
+        {{"address", address}, {"tls", tls ? "yes" : "no"}, {"tokens", guard->asks_for_tokens() ? "yes" : "no"}});
   }
 
   const SandboxSupport sandbox = SupportedSandbox();
@@ -190,7 +218,9 @@ absl::Status Serve(const ServeOptions& options) {
   health.StopServing();
   jobs->Drain(absl::Seconds(options.drain_s));
   jobs->StopErrands();  // calls that wait for a child must not outlast the patience
-  server->Stop(kStopPatience);
+  if (http != nullptr) http->Drain();
+  server->Stop(kStopPatience);  // streams over HTTP learn from this why they end
+  if (http != nullptr) http->Stop(kStopPatience);
   return absl::OkStatus();  // the destructors end the children and close the store
 }
 
@@ -235,6 +265,15 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       "--insecure-listen-anywhere", options.rpc.insecure_listen_anywhere,
       "Listen on addresses other than loopback even without --tls-cert and --tokens: then anyone who can reach the "
       "port can read and delete everything. Only where the network itself keeps others out");
+  command->add_option("--http-listen", options.http.listen,
+                      "HOST:PORT of the HTTP listener: JSON, server-sent events, gRPC-Web. Without it there is none");
+  command->add_option("--http-port-file", options.http_port_file,
+                      "Write the bound port of the HTTP listener to this file once ready");
+  command
+      ->add_option("--allow-origin", options.http.allowed_origins,
+                   "Let scripts of web pages of this origin use the HTTP listener, such as https://example.org; may be "
+                   "given again")
+      ->type_name("ORIGIN");
   command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")
       ->check(AtLeast(1))
       ->type_name("N")
@@ -407,6 +446,7 @@ int Main(int argc, char** argv) {
 
   absl::Status status;
   try {
+    serve.with_http = app.got_subcommand("serve") && app.get_subcommand("serve")->count("--http-listen") > 0;
     if (app.got_subcommand("serve")) {
       status = Serve(serve);
     } else if (app.got_subcommand("token")) {

@@ -67,4 +67,12 @@ std::optional<HttpResponse> PreflightResponse(const std::vector<std::string>& al
   return response;
 }
 
+bool IsCrossSiteWrite(const std::vector<std::string>& allowed_origins, const HttpRequest& request) {
+  if (request.method == "GET" || request.method == "HEAD" || request.method == "OPTIONS") return false;
+  const std::optional<std::string> origin = request.Header("Origin");
+  if (!origin || IsAllowedOrigin(allowed_origins, *origin)) return false;
+  const std::string host = request.Header("Host").value_or("");
+  return *origin != "http://" + host && *origin != "https://" + host;
+}
+
 }  // namespace depthtween::server

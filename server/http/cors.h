@@ -19,6 +19,10 @@ HttpHeaders CorsHeaders(const std::vector<std::string>& allowed_origins, const H
 std::optional<HttpResponse> PreflightResponse(const std::vector<std::string>& allowed_origins,
                                               const HttpRequest& request, const std::vector<std::string>& methods);
 
+// A page of an origin that is neither allowed nor the server's own makes a request that changes something. Browsers
+// send some of these without asking first, and a server that asks for no token must not take them.
+bool IsCrossSiteWrite(const std::vector<std::string>& allowed_origins, const HttpRequest& request);
+
 // Whether it can be the value of an Origin header: "https://example.org", "http://localhost:5173", or "*".
 bool IsOrigin(std::string_view text);
 

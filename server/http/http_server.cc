@@ -22,12 +22,16 @@
 #include <thread>
 #include <utility>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+#include "grpc/health/v1/health.pb.h"
+#include "server/access/listen_address.h"
+#include "server/http/api.h"
 #include "server/http/bridge.h"
 #include "server/http/calls.h"
 #include "server/http/cors.h"
+#include "server/http/grpc_web.h"
+#include "server/http/openapi.h"
 #include "server/http/probes.h"
 #include "server/http/session.h"
 #include "server/http/tls_context.h"
@@ -52,6 +56,16 @@ std::string TextOf(const Tcp::endpoint& endpoint) {
                                     : absl::StrCat(host, ":", endpoint.port());
 }
 
+std::vector<const google::protobuf::ServiceDescriptor*> GrpcWebServices() {
+  std::vector<const google::protobuf::FileDescriptor*> files = ApiFiles();
+  files.push_back(grpc::health::v1::HealthCheckRequest::descriptor()->file());
+  std::vector<const google::protobuf::ServiceDescriptor*> services;
+  for (const auto* file : files) {
+    for (int i = 0; i < file->service_count(); ++i) services.push_back(file->service(i));
+  }
+  return services;
+}
+
 absl::Status AtLeastOne(std::string_view field, int64_t value) {
   if (value >= 1) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrFormat("%s = %d, must be >= 1", std::string(field), value));
@@ -63,27 +77,16 @@ absl::Status LongerThanNothing(std::string_view field, absl::Duration value) {
       absl::StrFormat("%s = %s, must be > 0", std::string(field), absl::FormatDuration(value)));
 }
 
-// "127.0.0.1:8080", "[::1]:0", "localhost:80".
-absl::StatusOr<std::vector<Tcp::endpoint>> Resolve(asio::io_context& context, const std::string& listen) {
-  const size_t colon = listen.rfind(':');
-  int port = 0;
-  if (colon == std::string::npos || colon == 0 || !absl::SimpleAtoi(listen.substr(colon + 1), &port) || port < 0 ||
-      port > 65535) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("http_listen = \"%s\", must be HOST:PORT such as 127.0.0.1:8080 or [::1]:0", listen));
-  }
-  std::string host = listen.substr(0, colon);
-  if (host.size() >= 2 && host.front() == '[' && host.back() == ']') host = host.substr(1, host.size() - 2);
+absl::StatusOr<Tcp::endpoint> Resolve(asio::io_context& context, const std::string& listen) {
+  ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(listen));
   Tcp::resolver resolver(context);
   boost::system::error_code error;
-  const auto results = resolver.resolve(host, absl::StrCat(port), Tcp::resolver::passive, error);
-  std::vector<Tcp::endpoint> endpoints;
-  for (const auto& result : results) endpoints.push_back(result.endpoint());
-  if (error || endpoints.empty()) {
+  const auto results = resolver.resolve(address.host, absl::StrCat(address.port), Tcp::resolver::passive, error);
+  if (error || results.empty()) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("http_listen = \"%s\": there is no such host: %s", listen, error.message()));
+        absl::StrFormat("listen = \"%s\": there is no such host: %s", listen, error.message()));
   }
-  return endpoints;
+  return results.begin()->endpoint();
 }
 
 }  // namespace
@@ -103,19 +106,19 @@ absl::Status HttpServerOptions::Validate() const {
   RETURN_IF_ERROR(LongerThanNothing("write_timeout", write_timeout));
   RETURN_IF_ERROR(LongerThanNothing("stream_heartbeat", stream_heartbeat));
   RETURN_IF_ERROR(LongerThanNothing("gone_check", gone_check));
-  if (tls_cert.empty() != tls_key.empty()) {
-    return absl::InvalidArgumentError("tls_cert and tls_key are given together or not at all");
+  if (IsUnixSocket(listen)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("listen = \"%s\": HTTP listens only on HOST:PORT such as 127.0.0.1:8080", listen));
   }
-  if (!tls_client_ca.empty() && tls_cert.empty()) {
-    return absl::InvalidArgumentError("tls_client_ca is of use only with tls_cert and tls_key");
-  }
+  RETURN_IF_ERROR(CheckListenAddress(
+      listen, {.tls = tls.enabled(), .tokens = tokens, .insecure_anywhere = insecure_listen_anywhere}));
   for (const std::string& origin : allowed_origins) {
     if (!IsOrigin(origin)) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "allowed_origins has \"%s\", must be a scheme and a host such as https://example.org, or *", origin));
     }
   }
-  return absl::OkStatus();
+  return tls.enabled() ? CheckTlsFiles(tls) : absl::OkStatus();
 }
 
 class HttpServer::Impl {
@@ -129,14 +132,16 @@ class HttpServer::Impl {
 
   absl::Status Start(const AddRoutes& add_routes) {
     const HttpServerOptions& options = shared_.options;
-    if (!options.tls_cert.empty()) {
-      ASSIGN_OR_RETURN(tls_, TlsContext::Load(options.tls_cert, options.tls_key, options.tls_client_ca));
+    if (options.tls.enabled()) {
+      ASSIGN_OR_RETURN(tls_, TlsContext::Load(options.tls));
     }
     AddProbes(shared_.router, channel_);
     AddBridge(shared_.router, channel_, ApiMethods(ApiFiles()), options);
+    AddGrpcWeb(shared_.router, channel_, GrpcWebServices(), options);
+    RETURN_IF_ERROR(AddOpenApi(shared_.router));
     if (add_routes) add_routes(shared_.router, channel_);
-    ASSIGN_OR_RETURN(const std::vector<Tcp::endpoint> endpoints, Resolve(context_, options.listen));
-    RETURN_IF_ERROR(Bind(endpoints.front()));
+    ASSIGN_OR_RETURN(const Tcp::endpoint endpoint, Resolve(context_, options.listen));
+    RETURN_IF_ERROR(Bind(endpoint));
     asio::co_spawn(acceptor_.get_executor(), Accept(), asio::detached);
     for (int i = 0; i < options.threads; ++i) {
       threads_.emplace_back([this] { context_.run(); });

@@ -13,6 +13,7 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "server/access/tls_files.h"
 
 namespace grpc {
 class Channel;
@@ -25,9 +26,11 @@ class RpcChannel;
 
 struct HttpServerOptions {
   std::string listen = "127.0.0.1:8080";  // HOST:PORT; port 0: any free one
-  // PEM files. Without a certificate there is no TLS. With `tls_client_ca` clients must show a certificate signed by
-  // it. New connections use new files once they have changed; files that do not work are logged and the old ones stay.
-  std::string tls_cert, tls_key, tls_client_ca;
+  // Calls need a token, and the operator lets anybody in: what CheckListenAddress asks about.
+  bool tokens = false;
+  bool insecure_listen_anywhere = false;
+  // New connections use new files once they have changed; files that do not work are logged and the old ones stay.
+  TlsFiles tls;
   // Origins of web pages whose scripts may use this server, such as "https://example.org"; or "*".
   std::vector<std::string> allowed_origins;
 

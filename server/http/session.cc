@@ -410,6 +410,10 @@ asio::awaitable<bool> Session::ServeOne() {
                  "%d requests are being answered, which is the limit; try again later", options.max_requests)));
     busy.headers.emplace_back("Retry-After", "1");
     (void)co_await exchange.Respond(std::move(busy));
+  } else if (IsCrossSiteWrite(options.allowed_origins, exchange.request())) {
+    HttpResponse refused = ErrorResponse(absl::PermissionDeniedError(
+        "pages of this origin may not change anything here; the operator allows origins by --allow-origin"));
+    (void)co_await exchange.Respond(std::move(refused));
   } else if (found) {
     try {
       co_await (*found->handler)(exchange);

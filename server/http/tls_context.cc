@@ -13,9 +13,9 @@ namespace {
 
 namespace ssl = boost::asio::ssl;
 
-std::vector<std::filesystem::file_time_type> TimesOf(const std::vector<std::string>& files) {
+std::vector<std::filesystem::file_time_type> TimesOf(const TlsFiles& files) {
   std::vector<std::filesystem::file_time_type> times;
-  for (const std::string& file : files) {
+  for (const std::string& file : {files.cert, files.key, files.client_ca}) {
     std::error_code missing;
     times.push_back(std::filesystem::last_write_time(file, missing));
     if (missing) times.back() = {};
@@ -40,26 +40,26 @@ absl::Status BadFile(const char* flag, const std::string& file, const boost::sys
       absl::StrFormat("%s = \"%s\", must be a readable PEM file: %s", flag, file, error.message()));
 }
 
-absl::StatusOr<std::shared_ptr<ssl::context>> ReadContext(const std::vector<std::string>& files) {
+absl::StatusOr<std::shared_ptr<ssl::context>> ReadContext(const TlsFiles& files) {
   auto context = std::make_shared<ssl::context>(ssl::context::tls_server);
   boost::system::error_code error;
   context->set_options(ssl::context::default_workarounds | ssl::context::no_sslv2 | ssl::context::no_sslv3 |
                            ssl::context::no_tlsv1 | ssl::context::no_tlsv1_1 | SSL_OP_NO_RENEGOTIATION,
                        error);
-  if (!error) context->use_certificate_chain_file(files[0], error);
-  if (error) return BadFile("tls_cert", files[0], error);
-  context->use_private_key_file(files[1], ssl::context::pem, error);
-  if (error) return BadFile("tls_key", files[1], error);
+  if (!error) context->use_certificate_chain_file(files.cert, error);
+  if (error) return BadFile("tls_cert", files.cert, error);
+  context->use_private_key_file(files.key, ssl::context::pem, error);
+  if (error) return BadFile("tls_key", files.key, error);
   SSL_CTX* native = context->native_handle();
   if (SSL_CTX_check_private_key(native) != 1) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("tls_key = \"%s\", must be the key of the certificate in \"%s\"", files[1], files[0]));
+        absl::StrFormat("tls_key = \"%s\", must be the key of the certificate in \"%s\"", files.key, files.cert));
   }
-  if (!files[2].empty()) {
-    context->load_verify_file(files[2], error);
+  if (!files.client_ca.empty()) {
+    context->load_verify_file(files.client_ca, error);
     if (!error) context->set_verify_mode(ssl::verify_peer | ssl::verify_fail_if_no_peer_cert, error);
-    if (error) return BadFile("tls_client_ca", files[2], error);
-    SSL_CTX_set_client_CA_list(native, SSL_load_client_CA_file(files[2].c_str()));
+    if (error) return BadFile("tls_client_ca", files.client_ca, error);
+    SSL_CTX_set_client_CA_list(native, SSL_load_client_CA_file(files.client_ca.c_str()));
   }
   // Sessions are resumed only here, and only where the client's certificate was seen.
   static constexpr unsigned char kSessionId[] = "depthtween-http";
@@ -70,15 +70,16 @@ absl::StatusOr<std::shared_ptr<ssl::context>> ReadContext(const std::vector<std:
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<TlsContext>> TlsContext::Load(const std::string& cert, const std::string& key,
-                                                             const std::string& client_ca) {
-  std::vector<std::string> files = {cert, key, client_ca};
+absl::StatusOr<std::unique_ptr<TlsContext>> TlsContext::Load(const TlsFiles& files) {
+  // A file that changes while it is read is then read again.
+  std::vector<std::filesystem::file_time_type> times = TimesOf(files);
   ASSIGN_OR_RETURN(std::shared_ptr<ssl::context> context, ReadContext(files));
-  return std::unique_ptr<TlsContext>(new TlsContext(std::move(files), std::move(context)));
+  return std::unique_ptr<TlsContext>(new TlsContext(files, std::move(context), std::move(times)));
 }
 
-TlsContext::TlsContext(std::vector<std::string> files, std::shared_ptr<ssl::context> context)
-    : files_(std::move(files)), context_(std::move(context)), file_times_(TimesOf(files_)), checked_(absl::Now()) {}
+TlsContext::TlsContext(TlsFiles files, std::shared_ptr<ssl::context> context,
+                       std::vector<std::filesystem::file_time_type> times)
+    : files_(std::move(files)), context_(std::move(context)), file_times_(std::move(times)), checked_(absl::Now()) {}
 
 std::shared_ptr<ssl::context> TlsContext::Current(absl::Duration check_every) {
   const std::lock_guard lock(mutex_);
@@ -90,7 +91,7 @@ std::shared_ptr<ssl::context> TlsContext::Current(absl::Duration check_every) {
   absl::StatusOr<std::shared_ptr<ssl::context>> context = ReadContext(files_);
   if (context.ok()) {
     context_ = *std::move(context);
-    LogInfo("certificate_reloaded", {{"listener", "http"}, {"file", files_[0]}});
+    LogInfo("certificate_reloaded", {{"listener", "http"}, {"file", files_.cert}});
   } else {
     LogWarning("certificate_kept", {{"listener", "http"}, {"why", std::string(context.status().message())}});
   }

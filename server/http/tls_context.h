@@ -6,29 +6,28 @@
 #include <filesystem>
 #include <memory>
 #include <mutex>
-#include <string>
 #include <vector>
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "server/access/tls_files.h"
 
 namespace depthtween::server {
 
 class TlsContext {
  public:
-  // PEM files: a chain, its key, and (if not empty) the authority that clients' certificates must be signed by, without
-  // which no connection is made. InvalidArgument names the file that does not work.
-  static absl::StatusOr<std::unique_ptr<TlsContext>> Load(const std::string& cert, const std::string& key,
-                                                          const std::string& client_ca);
+  // InvalidArgument names the file that does not work.
+  static absl::StatusOr<std::unique_ptr<TlsContext>> Load(const TlsFiles& files);
 
   // For a new connection. Looks at the files at most once in `check_every`; if one has changed, all are read again. If
   // they do not work, that is logged once and what worked stays. Threads: may be called concurrently.
   std::shared_ptr<boost::asio::ssl::context> Current(absl::Duration check_every = absl::Seconds(1));
 
  private:
-  TlsContext(std::vector<std::string> files, std::shared_ptr<boost::asio::ssl::context> context);
+  TlsContext(TlsFiles files, std::shared_ptr<boost::asio::ssl::context> context,
+             std::vector<std::filesystem::file_time_type> times);
 
-  const std::vector<std::string> files_;  // certificate, key, authority or ""
+  const TlsFiles files_;
   std::mutex mutex_;
   std::shared_ptr<boost::asio::ssl::context> context_;       // guarded by mutex_
   std::vector<std::filesystem::file_time_type> file_times_;  // guarded by mutex_

@@ -376,8 +376,11 @@ TEST_F(HttpServerTest, CorsOnlyForAllowedOrigins) {
 
 TEST(HttpServerOptions, ExplainWhatIsWrong) {
   EXPECT_TRUE(HttpServerOptions().Validate().ok());
-  EXPECT_THAT(std::string(HttpServerOptions{.tls_cert = "a"}.Validate().message()), HasSubstr("tls_key"));
-  EXPECT_THAT(std::string(HttpServerOptions{.tls_client_ca = "a"}.Validate().message()), HasSubstr("tls_client_ca"));
+  EXPECT_THAT(std::string(HttpServerOptions{.listen = "unix:/x"}.Validate().message()), HasSubstr("HOST:PORT"));
+  EXPECT_EQ(HttpServerOptions{.listen = "0.0.0.0:0"}.Validate().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_TRUE((HttpServerOptions{.listen = "0.0.0.0:0", .insecure_listen_anywhere = true}).Validate().ok());
+  EXPECT_EQ((HttpServerOptions{.tls = {.cert = "/nonexistent", .key = "/nonexistent"}}).Validate().code(),
+            absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(HttpServerOptions{.allowed_origins = {"good.example"}}.Validate().message()),
               HasSubstr("https://"));
   EXPECT_THAT(std::string(HttpServerOptions{.threads = 0}.Validate().message()), HasSubstr("threads = 0"));
