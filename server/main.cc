@@ -308,6 +308,20 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->type_name("N")
       ->capture_default_str()
       ->group(limits);
+  const auto of_tenant = [&](const char* flag, auto& value, const char* help) {
+    return command->add_option(flag, value, help)->type_name("N")->capture_default_str()->group(limits);
+  };
+  of_tenant("--max-tenant-bytes", options.limits.max_tenant_bytes,
+            "Largest size of all recordings of one tenant; also as 20GB; 0: no limit of its own")
+      ->transform(size)
+      ->transform(AtLeast(0))
+      ->type_name("SIZE");
+  of_tenant("--max-tenant-queued-jobs", options.limits.max_tenant_queued_jobs,
+            "Most jobs of one tenant in the queue; 0: no limit of its own")
+      ->check(AtLeast(0));
+  of_tenant("--max-tenant-tasks", options.limits.max_tenant_tasks,
+            "Most tasks of one tenant at work at the same time; 0: as many as there are workers")
+      ->check(AtLeast(0));
   command->add_option("--max-queued-jobs", options.limits.max_queued_jobs, "Most jobs in the queue")
       ->check(AtLeast(1))
       ->type_name("N")

@@ -132,6 +132,7 @@ int Submit(const SubmissionOptions& options, v1::Job order, SubmitResult& result
   order.set_display_name(local->display_name);
   order.set_sequence(sequence->name());
   order.set_threads(options.threads);
+  order.set_priority(options.priority);
   absl::StatusOr<v1::Job> job = client::SubmitJob(**connection, order);
   if (!job.ok()) return Report(job.status());
   result.job = *job;
@@ -159,6 +160,9 @@ void AddSubmissionOptions(CLI::App& command, SubmissionOptions& options) {
   command.add_option("-o,--out", options.output, "Fetch the result into this folder; implies --wait")->type_name("OUT");
   command.add_flag("--force", options.force, "Replace an earlier result in OUT");
   command.add_flag("--wait", options.wait, "Return when the job has ended, with its outcome as exit code");
+  command.add_option("--priority", options.priority, "Of your own jobs in the queue the higher goes first, -10 to 10")
+      ->check(CLI::Range(-10, 10))
+      ->type_name("N");
   command.add_option("--threads", options.threads, "Threads of each worker; 0: the server decides. Same result")
       ->type_name("N")
       ->check(CLI::Range(0, kMaxThreads))

@@ -17,6 +17,7 @@ struct SubmissionOptions {
   bool force = false;
   bool wait = false;
   int threads = 0;
+  int priority = 0;
 };
 
 // Adds them to a subcommand. `options` must outlive the parsing.

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "depthtween/v1/admin.pb.h"
 #include "grpc/health/v1/health.pb.h"
 #include "server/http/errors.h"
 
@@ -38,11 +39,23 @@ asio::awaitable<void> AnswerReadyz(RpcChannel& channel, Exchange& exchange) {
   (void)co_await exchange.Respond(std::move(response));
 }
 
+asio::awaitable<void> AnswerMetrics(RpcChannel& channel, Exchange& exchange) {
+  v1::Metrics metrics;
+  const grpc::Status status = co_await CallUnary(channel, exchange, "/depthtween.v1.AdminService/GetMetrics",
+                                                 v1::GetMetricsRequest(), &metrics);
+  HttpResponse response = status.ok() ? HttpResponse{.status = 200,
+                                                     .headers = {{"Content-Type", "text/plain; version=0.0.4"}},
+                                                     .body = metrics.text()}
+                                      : ErrorResponse(status);
+  (void)co_await exchange.Respond(std::move(response));
+}
+
 }  // namespace
 
 void AddProbes(Router& router, RpcChannel& channel) {
   router.Add("GET", "/healthz", AnswerHealthz);
   router.Add("GET", "/readyz", [&channel](Exchange& exchange) { return AnswerReadyz(channel, exchange); });
+  router.Add("GET", "/metrics", [&channel](Exchange& exchange) { return AnswerMetrics(channel, exchange); });
 }
 
 }  // namespace depthtween::server

@@ -20,6 +20,7 @@
 #include "server/http/head.h"
 #include "server/http/target.h"
 #include "server/telemetry/log.h"
+#include "server/telemetry/metrics.h"
 #include "server/telemetry/request_id.h"
 
 namespace depthtween::server {
@@ -447,6 +448,7 @@ asio::awaitable<bool> Session::ServeOne() {
   --shared_.requests;
   exchange.EndWatch();
   const int status = exchange.answered() ? exchange.status() : 499;
+  CountHttpRequest(exchange.request().method, status);
   Log(LevelOfStatus(status), "http",
       {{"method", exchange.request().method},
        {"path", exchange.request().path.substr(0, kMaxLoggedPathBytes)},

@@ -128,6 +128,7 @@ absl::StatusOr<NewJob> Decode(const v1::Job& job) {
   NewJob result = {.display_name = job.display_name()};
   ASSIGN_OR_RETURN(result.sequence_id, ParseSequenceName("job.sequence", job.sequence()));
   result.threads = job.threads();
+  result.priority = job.priority();
   if (job.renders_size() > kMaxRenders) {
     return InvalidField("job.renders",
                         absl::StrCat("has ", job.renders_size(), " elements, must have at most ", kMaxRenders));
@@ -248,6 +249,7 @@ v1::Job Encode(const JobView& job) {
     ReadDocument(record.options, message.mutable_scene_flow_options());
   }
   message.set_threads(record.threads);
+  message.set_priority(record.priority);
   for (const RenderRecord& render : record.renders) {
     v1::RenderOptions* added = message.add_renders();
     ReadDocument(render.options, added);

@@ -22,7 +22,10 @@ std::optional<int> RetrySeconds(absl::StatusCode code, const ErrorInfo& info) {
   if (info.reason == "SERVER_BUSY") return kBusyRetrySeconds;
   if (info.reason == "DISK_FULL") return kDiskFullRetrySeconds;
   const auto limit = info.metadata.find("limit");
-  if (limit != info.metadata.end() && limit->second == "max_queued_jobs") return kQueueFullRetrySeconds;
+  if (limit != info.metadata.end()) {
+    if (limit->second == "max_calls_per_second") return kBusyRetrySeconds;
+    if (limit->second == "max_queued_jobs" || limit->second == "max_tenant_queued_jobs") return kQueueFullRetrySeconds;
+  }
   if (code == absl::StatusCode::kUnavailable) return kStoppingRetrySeconds;
   return std::nullopt;
 }

@@ -12,6 +12,10 @@ struct Limits {
   int max_files_per_upload = 10'000;     // keeps the manifest below the 4 MiB of one message
   int64_t max_chunk_bytes = 1 << 20;
   int max_queued_jobs = 1000;
+  // Of one tenant; 0: no limit but those of the server.
+  int64_t max_tenant_bytes = 0;  // recordings, uploaded or announced
+  int max_tenant_queued_jobs = 0;
+  int max_tenant_tasks = 0;  // that run at the same time
   int max_page_size = 1000;
   int max_display_name_bytes = 200;
   int max_request_id_bytes = 128;

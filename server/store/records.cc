@@ -68,6 +68,10 @@ bool JobRecord::IsComputed() const {
 
 absl::StatusOr<NewJob> NewJob::Checked() const {
   const bool upsamples = kind == JobKind::kUpsample;
+  if (priority < -kMaxPriority || priority > kMaxPriority) {
+    return BadField("job.priority", absl::StrCat("job.priority = ", priority, ", must be ", -kMaxPriority, " to ",
+                                                 kMaxPriority, " (0 is usual, higher goes first)"));
+  }
   if (threads < 0 || threads > kMaxThreads) {
     return BadField("job.threads",
                     absl::StrCat("job.threads = ", threads, ", must be 0 (the server decides) to ", kMaxThreads));

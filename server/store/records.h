@@ -108,12 +108,15 @@ struct RenderRecord {
   double seconds = 0.0;              // wall seconds, summed over them
 };
 
+inline constexpr int kMaxPriority = 10;
+
 struct NewJob {
   std::string display_name;
   std::string sequence_id;
   JobKind kind = JobKind::kUpsample;
   std::string options = "{}";  // JSON document, read by core/options/job_options.h alone
   int threads = 0;             // of each child; 0: the server decides. The bits do not depend on it.
+  int priority = 0;            // -kMaxPriority to kMaxPriority: higher goes first, among jobs of the same tenant
   // Of an upsampling alone.
   std::vector<RenderRecord> renders;
   std::string depth_from;  // id of a job that has this depth already; empty: compute it
@@ -131,6 +134,7 @@ struct JobRecord {
   std::string options;  // canonical
   JobFacts facts;       // of these options
   int threads = 0;
+  int priority = 0;
   std::vector<RenderRecord> renders;
   std::string depth_from;
   std::string tenant;
@@ -146,7 +150,7 @@ struct JobRecord {
   int frames_done = 0;      // stored and recorded
   int frames_total = 0;
   double interval_seconds = 0.0;                // wall seconds, summed over the intervals done
-  std::optional<int> queue_position;            // jobs ahead, while kQueued
+  std::optional<int> queue_position;            // jobs of its tenant ahead, while kQueued
   std::optional<SelfCheck> self_check;          // once it was measured, if facts.self_check
   std::optional<ClockEstimate> clock_estimate;  // once there is a plan, if the options ask for it
 

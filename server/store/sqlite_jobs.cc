@@ -16,8 +16,10 @@ constexpr char kJobColumns[] =
     "SELECT id, number, display_name, sequence_id, kind, options, threads, recording, state, attempt, error_code, "
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
     "frames_total, interval_seconds, depth_from, self_check, clock_estimate, error_info, "
-    "(SELECT count(*) FROM jobs ahead WHERE ahead.state IN (1, 2, 3) AND ahead.number < jobs.number), tenant FROM "
-    "jobs ";
+    "(SELECT count(*) FROM jobs ahead WHERE ahead.tenant = jobs.tenant AND (ahead.state IN (2, 3) OR (ahead.state = 1 "
+    "AND "
+    "(ahead.priority > jobs.priority OR (ahead.priority = jobs.priority AND ahead.number < jobs.number))))), tenant, "
+    "priority FROM jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
   return row.IsNull(column) ? absl::InfiniteFuture() : absl::FromUnixMicros(row.Int64(column));
@@ -31,6 +33,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .kind = static_cast<JobKind>(row.Int(4)),
                    .options = row.Text(5),
                    .threads = row.Int(6),
+                   .priority = row.Int(26),
                    .depth_from = row.Text(20),
                    .tenant = row.Text(25),
                    .state = static_cast<JobState>(row.Int(8)),
@@ -64,8 +67,8 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
 
 std::string Fingerprint(const NewJob& job) {
   Sha256 hash;
-  hash.Update(absl::StrCat(job.sequence_id, "\n", job.kind, "\n", job.options, "\n", job.threads, "\n",
-                           job.display_name, "\n", job.depth_from));
+  hash.Update(absl::StrCat(job.sequence_id, "\n", job.kind, "\n", job.options, "\n", job.threads, "\n", job.priority,
+                           "\n", job.display_name, "\n", job.depth_from));
   for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
   return Hex(hash.Finish());
 }
@@ -169,6 +172,14 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const Tenant& tenant, const New
       return LimitExceeded("max_queued_jobs", limits_.max_queued_jobs,
                            absl::StrFormat("the queue is full with %d jobs; try again when some have run", *queued));
     }
+    ASSIGN_OR_RETURN(const std::optional<int64_t> own_queued,
+                     database_->Number("SELECT count(*) FROM jobs WHERE state = 1 AND tenant = ?", {tenant.name()}));
+    if (limits_.max_tenant_queued_jobs > 0 && *own_queued >= limits_.max_tenant_queued_jobs) {
+      return LimitExceeded(
+          "max_tenant_queued_jobs", limits_.max_tenant_queued_jobs,
+          absl::StrFormat("%d jobs of the tenant %s are queued, which is its limit; try again when some have run",
+                          *own_queued, tenant.name()));
+    }
     const absl::Time now = absl::FromUnixMicros(absl::ToUnixMicros(absl::Now()));
     if (validate_only) {
       return JobRecord{.display_name = job.display_name,
@@ -177,6 +188,7 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const Tenant& tenant, const New
                        .options = job.options,
                        .facts = facts,
                        .threads = job.threads,
+                       .priority = job.priority,
                        .renders = job.renders,
                        .depth_from = job.depth_from,
                        .tenant = tenant.name(),
@@ -184,15 +196,15 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const Tenant& tenant, const New
                        .create_time = now,
                        .start_time = absl::InfiniteFuture(),
                        .end_time = absl::InfiniteFuture(),
-                       .queue_position = static_cast<int>(*queued)};
+                       .queue_position = static_cast<int>(*own_queued)};
     }
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, kind, options, threads, state, create_time_us, "
-        "depth_from, self_check, tenant) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "depth_from, self_check, tenant, priority) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.kind, job.options,
          job.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
-         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr, tenant.name()}));
+         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr, tenant.name(), job.priority}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(

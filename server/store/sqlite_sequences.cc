@@ -244,6 +244,17 @@ absl::StatusOr<UploadRecord> SqliteStore::CreateUpload(const Tenant& tenant, std
                            absl::StrFormat("the sequence would have %d bytes, at most %d are allowed",
                                            sequence.size_bytes + size_bytes, limits_.max_sequence_bytes));
     }
+    if (limits_.max_tenant_bytes > 0) {
+      ASSIGN_OR_RETURN(const std::optional<int64_t> own_bytes,
+                       database_->Number("SELECT sum(size_bytes) FROM sequences WHERE tenant = ?", {sequence.tenant}));
+      if (size_bytes > limits_.max_tenant_bytes - own_bytes.value_or(0)) {
+        return LimitExceeded(
+            "max_tenant_bytes", limits_.max_tenant_bytes,
+            absl::StrFormat("the recordings of the tenant %s would have %d bytes, at most %d are "
+                            "allowed; delete some",
+                            sequence.tenant, own_bytes.value_or(0) + size_bytes, limits_.max_tenant_bytes));
+      }
+    }
     const int64_t file_count = sequence.file_count + static_cast<int64_t>(files.size());
     if (file_count > limits_.max_files_per_sequence) {
       return LimitExceeded("max_files_per_sequence", limits_.max_files_per_sequence,

@@ -132,6 +132,10 @@ class SqliteStore : public Store {
   absl::Status AddTask(TaskKind kind, int64_t owner, int failures);
   // What a job without a plan does first.
   absl::Status AddFirstTask(const JobRecord& job);
+  // 0: no job has anything to do now, or none of a tenant that may have another task.
+  absl::StatusOr<int64_t> JobWhoseTurnItIs();
+  // The task to run for a job that has something to do; its row is made if it is a batch of intervals.
+  absl::StatusOr<int64_t> TakeWork(int64_t job, const BatchSize& batch_size);
   // Makes a task of up to `wanted` contiguous intervals, from the first open one on, and claims them. Returns its
   // number.
   absl::StatusOr<int64_t> TakeIntervals(int64_t job, int wanted);

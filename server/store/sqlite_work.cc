@@ -1,7 +1,6 @@
 // Work: how it is claimed, recorded, and given back.
 #include <algorithm>
 #include <iterator>
-#include <limits>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -82,39 +81,14 @@ absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batc
           "s.tenant), t.number LIMIT 1",
           {}, [&validation](const SqlRow& row) { validation = row.Int64(0); }));
     }
-    // Then the oldest job that has something to do.
-    int64_t number = 0, job = 0;
-    RETURN_IF_ERROR(database_->Run(
-        "SELECT number, job FROM tasks WHERE running = 0 AND job IS NOT NULL ORDER BY job, number LIMIT 1", {},
-        [&](const SqlRow& row) {
-          number = row.Int64(0);
-          job = row.Int64(1);
-        }));
-    // Of a job that runs, or of one that was retried and has its plan.
-    ASSIGN_OR_RETURN(
-        const std::optional<int64_t> job_with_intervals,
-        database_->Number("SELECT number FROM jobs WHERE state IN (1, 2) AND EXISTS (SELECT 1 FROM intervals i "
-                          "WHERE i.job = jobs.number AND i.done = 0 AND i.task IS NULL) "
-                          "ORDER BY number LIMIT 1"));
-    ASSIGN_OR_RETURN(
-        const std::optional<int64_t> job_with_pictures,
-        database_->Number("SELECT number FROM jobs WHERE state IN (1, 2) AND EXISTS (SELECT 1 FROM ready_parts p "
-                          "WHERE p.job = jobs.number) "
-                          "ORDER BY number LIMIT 1"));
-    constexpr int64_t kNone = std::numeric_limits<int64_t>::max();
-    const int64_t to_compute = job_with_intervals.value_or(kNone), to_render = job_with_pictures.value_or(kNone);
-    const int64_t oldest = std::min(to_compute, to_render);
-    const bool job_has_work = number != 0 || oldest != kNone;
-    if (validation != 0 && (validations == ClaimValidations::kFirst || !job_has_work)) {
+    // Then the job whose turn it is, of those that have something to do: a job that runs, or one that was retried and
+    // has its plan.
+    ASSIGN_OR_RETURN(const int64_t job, JobWhoseTurnItIs());
+    int64_t number = 0;
+    if (validation != 0 && (validations == ClaimValidations::kFirst || job == 0)) {
       number = validation;
-    } else if (oldest != kNone && (number == 0 || oldest < job)) {
-      job = oldest;
-      ASSIGN_OR_RETURN(const JobRecord record, ReadJob(job));
-      if (to_render <= to_compute) {
-        ASSIGN_OR_RETURN(number, TakeRenderParts(job, std::max(1, batch_size(record, TaskKind::kRender))));
-      } else {
-        ASSIGN_OR_RETURN(number, TakeIntervals(job, std::max(1, batch_size(record, TaskKind::kIntervals))));
-      }
+    } else if (job != 0) {
+      ASSIGN_OR_RETURN(number, TakeWork(job, batch_size));
     }
     if (number == 0) return std::nullopt;
     RETURN_IF_ERROR(database_->Run("UPDATE tasks SET running = 1 WHERE number = ?", {number}));
@@ -130,6 +104,10 @@ absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batc
                                      [&task](const SqlRow& found) { task.sequence_id = found.Text(0); }));
       return task;
     }
+    RETURN_IF_ERROR(
+        database_->Run("INSERT INTO tenants (name, last_task) SELECT tenant, ? FROM jobs WHERE number = ? "
+                       "ON CONFLICT (name) DO UPDATE SET last_task = excluded.last_task",
+                       {number, job}));
     RETURN_IF_ERROR(database_->Run("UPDATE jobs SET state = ?, start_time_us = ? WHERE number = ? AND state = ?",
                                    {JobState::kRunning, absl::ToUnixMicros(absl::Now()), job, JobState::kQueued}));
     RETURN_IF_ERROR(
@@ -139,6 +117,34 @@ absl::StatusOr<std::optional<Task>> SqliteStore::ClaimTask(const BatchSize& batc
         }));
     return task;
   });
+}
+
+absl::StatusOr<int64_t> SqliteStore::JobWhoseTurnItIs() {
+  // By tenants first; a tenant that never had a turn has waited longest.
+  ASSIGN_OR_RETURN(
+      const std::optional<int64_t> job,
+      database_->Number(
+          "SELECT j.number FROM jobs j LEFT JOIN tenants n ON n.name = j.tenant "
+          "LEFT JOIN (SELECT o.tenant AS tenant, count(*) AS running FROM tasks t JOIN jobs o ON o.number = t.job "
+          "           WHERE t.running = 1 GROUP BY o.tenant) b ON b.tenant = j.tenant "
+          "WHERE j.state IN (1, 2) AND (?1 = 0 OR coalesce(b.running, 0) < ?1) "
+          "AND (EXISTS (SELECT 1 FROM tasks t WHERE t.job = j.number AND t.running = 0) "
+          "  OR EXISTS (SELECT 1 FROM intervals i WHERE i.job = j.number AND i.done = 0 AND i.task IS NULL) "
+          "  OR EXISTS (SELECT 1 FROM ready_parts p WHERE p.job = j.number)) "
+          "ORDER BY coalesce(b.running, 0), coalesce(n.last_task, 0), j.priority DESC, j.number LIMIT 1",
+          {limits_.max_tenant_tasks}));
+  return job.value_or(0);
+}
+
+absl::StatusOr<int64_t> SqliteStore::TakeWork(int64_t job, const BatchSize& batch_size) {
+  ASSIGN_OR_RETURN(const std::optional<int64_t> task,
+                   database_->Number("SELECT min(number) FROM tasks WHERE job = ? AND running = 0", {job}));
+  if (task) return *task;
+  ASSIGN_OR_RETURN(const JobRecord record, ReadJob(job));
+  ASSIGN_OR_RETURN(const std::optional<int64_t> picture,
+                   database_->Number("SELECT 1 FROM ready_parts WHERE job = ? LIMIT 1", {job}));
+  if (picture) return TakeRenderParts(job, std::max(1, batch_size(record, TaskKind::kRender)));
+  return TakeIntervals(job, std::max(1, batch_size(record, TaskKind::kIntervals)));
 }
 
 absl::StatusOr<int64_t> SqliteStore::TakeIntervals(int64_t job, int wanted) {

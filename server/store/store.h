@@ -136,10 +136,12 @@ class Store {
   // All but ClaimTask take the task's number and return FailedPrecondition, changing nothing, when that attempt is no
   // longer the one that counts: its job failed, or it was released.
 
-  // The next piece of work, now running; nullopt when there is none. Validations of the tenant that has fewest running
-  // go first unless `validations` says otherwise, then jobs in their order.
-  // Batches of intervals are cut here: contiguous, unfinished, unclaimed. Intervals are rendered once the frames they
-  // look at are finished, and before further ones are computed, so that pictures stream as depth does.
+  // The next piece of work, now running; nullopt when there is none. Tenants take turns: the one with fewest tasks at
+  // work goes first, then the one that has waited longest; none gets more than Limits::max_tenant_tasks. Among the jobs
+  // of a tenant the higher priority goes first, then the older. Validations of the tenant that has fewest running go
+  // first unless `validations` says otherwise, then jobs in their order. Batches of intervals are cut here: contiguous,
+  // unfinished, unclaimed. Intervals are rendered once the frames they look at are finished, and before further ones
+  // are computed, so that pictures stream as depth does.
   virtual absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size,
                                                         ClaimValidations validations = ClaimValidations::kFirst) = 0;
   // The state of a validation: sequence kValidating -> kReady | kInvalid. Ends the task.

@@ -7,7 +7,8 @@
 #include <prometheus/registry.h>
 #include <prometheus/text_serializer.h>
 
-#include <memory>
+#include <algorithm>
+#include <iterator>
 
 namespace depthtween::server {
 namespace {
@@ -106,6 +107,9 @@ void CountCall(std::string_view method, std::string_view code, double seconds) {
 }
 
 void CountHttpRequest(std::string_view method, int status) {
+  // Clients choose the word, and every new one would be kept for ever.
+  constexpr std::string_view kMethods[] = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"};
+  if (std::find(std::begin(kMethods), std::end(kMethods), method) == std::end(kMethods)) method = "other";
   OfProcess().http_requests.Add(Labelled({{"method", method}, {"status", std::to_string(status)}})).Increment();
 }
 

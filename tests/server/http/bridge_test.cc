@@ -180,6 +180,9 @@ TEST_F(BridgeTest, CallsEndWithTheirClients) {
 
 TEST_F(BridgeTest, Probes) {
   EXPECT_EQ(GetOnce(port(), "/readyz").status, 200);
+  const auto metrics = GetOnce(port(), "/metrics");
+  EXPECT_EQ(metrics.status, 200);
+  EXPECT_THAT(metrics.body, HasSubstr("depthtween_http_requests_total{method=\"GET\",status=\"200\"}"));
   StopServer();
   EXPECT_EQ(GetOnce(port(), "/readyz").status, 503);
   EXPECT_EQ(GetOnce(port(), "/healthz").status, 200);
@@ -195,6 +198,13 @@ class BridgeAccessTest : public BridgeTest {
   const TemporaryFolder token_folder_;
   const std::string file_ = token_folder_ / "tokens.json";
 };
+
+// What all tenants do is the operator's to see.
+TEST_F(BridgeAccessTest, MetricsAreForTheOperator) {
+  Make({Scope::kAdmin});
+  EXPECT_EQ(GetOnce(port(), "/metrics").status, 401);
+  EXPECT_EQ(GetOnce(port(), "/readyz").status, 200);
+}
 
 // The guard of gRPC sees what came over HTTP.
 TEST_F(BridgeAccessTest, TokensAndScopes) {

@@ -1164,4 +1164,63 @@ TEST_P(StoreConformance, AnnouncedBytesAreReserved) {
   EXPECT_THAT(store().CreateUpload(kTenant, other, {{.path = "a", .size_bytes = 100}}, 100, ""), IsOk());
 }
 
+// ---- fair share ----
+
+// With one worker, two tenants: whoever waited longer goes next, however long the other's queue is.
+TEST_P(StoreConformance, TenantsTakeTurns) {
+  const Tenant other("other");
+  const std::string sequence = ReadySequence().id;
+  std::vector<std::string> mine;
+  for (int i = 0; i < 3; ++i) {
+    mine.push_back(Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id);
+  }
+  const SequenceRecord theirs = Take(store().CreateSequence(other, "", ""));
+  const UploadRecord upload =
+      Take(store().CreateUpload(other, theirs.id, {{.path = "rgb.txt", .size_bytes = 0}}, kRoom, ""));
+  ASSERT_THAT(store().FinishUpload(upload.id), IsOk());
+  ASSERT_THAT(store().CommitSequence(other, theirs.id), IsOk());
+  ASSERT_THAT(store().FinishValidation(Claim().number, {.recording = SomeRecording()}), IsOk());
+  const std::string late = Take(store().CreateJob(other, {.sequence_id = theirs.id}, "", false)).id;
+
+  const Task first = Claim();
+  EXPECT_EQ(first.job_id, mine[0]);
+  const Task second = Claim();
+  EXPECT_EQ(second.job_id, late) << "the other tenant has no task at work";
+  ASSERT_THAT(store().FinishPrepare(first.number, PlanOf(2)), IsOk());
+  ASSERT_THAT(store().FinishPrepare(second.number, PlanOf(2)), IsOk());
+  const Task third = Claim(1);
+  EXPECT_EQ(third.job_id, mine[0]) << "it has waited longer";
+  ASSERT_THAT(store().ReleaseTask(third.number), IsOk());
+  EXPECT_EQ(Claim(1).job_id, late);
+}
+
+TEST_P(StoreConformance, TheHigherPriorityGoesFirst) {
+  const std::string sequence = ReadySequence().id;
+  const std::string usual = Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
+  const std::string urgent = Take(store().CreateJob(kTenant, {.sequence_id = sequence, .priority = 5}, "", false)).id;
+  EXPECT_EQ(Job(urgent).queue_position, 0);
+  EXPECT_EQ(Job(usual).queue_position, 1);
+  EXPECT_EQ(Job(urgent).priority, 5);
+  EXPECT_EQ(Claim().job_id, urgent);
+  EXPECT_EQ(Claim().job_id, usual);
+  for (const int bad : {-11, 11}) {
+    EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence, .priority = bad}, "", false),
+                HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  }
+}
+
+TEST_P(StoreConformance, ATenantHasLimitsOfItsOwn) {
+  Open({.max_tenant_bytes = 10, .max_tenant_queued_jobs = 2, .max_tenant_tasks = 1});
+  const std::string sequence = ReadySequence().id;  // of three bytes
+  const SequenceRecord more = Take(store().CreateSequence(kTenant, "", ""));
+  EXPECT_THAT(store().CreateUpload(kTenant, more.id, {{.path = "a", .size_bytes = 8}}, kRoom, ""),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+  EXPECT_THAT(store().CreateUpload(kTenant, more.id, {{.path = "a", .size_bytes = 7}}, kRoom, ""), IsOk());
+  for (int i = 0; i < 2; ++i) Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false));
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+  EXPECT_NE(Claim().number, 0);
+  EXPECT_EQ(Claim().number, 0) << "one task at a time";
+}
+
 }  // namespace depthtween::server

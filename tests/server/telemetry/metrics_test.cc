@@ -17,6 +17,7 @@ TEST(Metrics, EveryKindHasItsLine) {
   CountCall("MetricsTest", "OK", 0.004);
   CountCall("MetricsTest", "NOT_FOUND", 3);
   CountHttpRequest("GET", 299);
+  CountHttpRequest("BREW", 299);
   CountTask("test-kind", "done", 0.2);
   CountTaskFailure("test-kind", "INTERNAL");
   CountFrames("test-product", 7);
@@ -27,6 +28,7 @@ TEST(Metrics, EveryKindHasItsLine) {
                            "depthtween_call_seconds_count{method=\"MetricsTest\"} 2\n",
                            "depthtween_call_seconds_bucket{method=\"MetricsTest\",le=\"0.005\"} 1\n",
                            "depthtween_http_requests_total{method=\"GET\",status=\"299\"} 1\n",
+                           "depthtween_http_requests_total{method=\"other\",status=\"299\"} 1\n",
                            "depthtween_tasks_total{kind=\"test-kind\",outcome=\"done\"} 1\n",
                            "depthtween_task_seconds_bucket{kind=\"test-kind\",le=\"0.25\"} 1\n",
                            "depthtween_task_failures_total{code=\"INTERNAL\",kind=\"test-kind\"} 1\n",
