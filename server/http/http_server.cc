@@ -30,6 +30,7 @@
 #include "server/http/bridge.h"
 #include "server/http/calls.h"
 #include "server/http/cors.h"
+#include "server/http/file_service.h"
 #include "server/http/grpc_web.h"
 #include "server/http/openapi.h"
 #include "server/http/probes.h"
@@ -136,6 +137,7 @@ class HttpServer::Impl {
       ASSIGN_OR_RETURN(tls_, TlsContext::Load(options.tls));
     }
     AddProbes(shared_.router, channel_);
+    AddFileRoutes(shared_.router, channel_);
     AddBridge(shared_.router, channel_, ApiMethods(ApiFiles()), options);
     AddGrpcWeb(shared_.router, channel_, GrpcWebServices(), options);
     RETURN_IF_ERROR(AddOpenApi(shared_.router));

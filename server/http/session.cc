@@ -399,6 +399,8 @@ asio::awaitable<bool> Session::ServeOne() {
   const absl::Time start = absl::Now();
   const bool health = request.path == "/healthz";
   std::optional<Router::Found> found = shared_.router.Find(request.method, request.segments);
+  // A preflight asks about the request to come, also on paths where OPTIONS has an answer of its own.
+  if (request.method == "OPTIONS" && request.Header("Access-Control-Request-Method")) found.reset();
   if (found) request.path_values = std::move(found->path_values);
   Request exchange(*this, std::move(parser), std::move(request));
   current_ = &exchange;
