@@ -2,6 +2,7 @@
 temporary folders. Ends only what it started, by process id."""
 
 import contextlib
+import http.client
 import json
 import os
 import pathlib
@@ -76,11 +77,13 @@ def children_of(pid):
 class Server:
     """depthtween-server on a data folder; may be killed, and started again on the same port."""
 
-    def __init__(self, data_dir, workers=1, options=()):
+    def __init__(self, data_dir, workers=1, options=(), http=False):
         self.data_dir = pathlib.Path(data_dir)
         self.workers = workers
         self.options = list(options)
         self.port = 0
+        self.with_http = http
+        self.http_port = 0
         self.process = None
         self._scratch = tempfile.TemporaryDirectory(prefix="depthtween_server_")
         self.log = pathlib.Path(self._scratch.name) / "log"
@@ -107,15 +110,23 @@ class Server:
         port_file.unlink(missing_ok=True)
         command = [BIN / "depthtween-server", "serve", "--data-dir", self.data_dir, "--listen", self.address,
                    "--port-file", port_file, "--workers", str(self.workers), "--threads", "1", *self.options]
+        http_port_file = pathlib.Path(self._scratch.name) / "http_port"
+        http_port_file.unlink(missing_ok=True)
+        if self.with_http:
+            command += ["--http-listen", f"127.0.0.1:{self.http_port}", "--http-port-file", http_port_file]
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 
         def ready():
             if self.process.poll() is not None:
                 raise AssertionError(f"the server ended with {self.process.returncode}:\n{self.log_text()}")
-            return port_file.exists() and port_file.read_text().strip()
+            files = [port_file] + ([http_port_file] if self.with_http else [])
+            return all(file.exists() and file.read_text().strip() for file in files)
 
-        self.port = int(wait_for("the server to be ready", ready))
+        wait_for("the server to be ready", ready)
+        self.port = int(port_file.read_text())
+        if self.with_http:
+            self.http_port = int(http_port_file.read_text())
 
     def kill(self):
         self.process.kill()
@@ -135,6 +146,19 @@ class Server:
 
     def is_serving(self):
         return run("depthtween-server", "healthcheck", "--server", self.address).returncode == 0
+
+    @property
+    def http_address(self):
+        return f"http://127.0.0.1:{self.http_port}"
+
+    def http(self, method, path, body=None):
+        """One call over HTTP. Returns the status, and the answer read as JSON."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.http_port, timeout=PATIENCE_S)
+        with contextlib.closing(connection):
+            data = None if body is None else json.dumps(body)
+            connection.request(method, path, data, {} if data is None else {"Content-Type": "application/json"})
+            response = connection.getresponse()
+            return response.status, json.loads(response.read())
 
     def client(self, command, *arguments, patience_s=60):
         """Runs depthtween to its end."""
