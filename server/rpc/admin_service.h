@@ -9,6 +9,7 @@
 #include "server/jobs/job_manager.h"
 #include "server/rpc/call_runtime.h"
 #include "server/store/limits.h"
+#include "server/telemetry/health.h"
 
 namespace depthtween::server {
 
