@@ -171,12 +171,16 @@ class RpcCall::State : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::By
   }
   void OnWritesDoneDone(bool ok) override { OnWriteDone(ok); }
   void OnDone(const grpc::Status& status) override {
-    const std::shared_ptr<State> self = std::move(self_);
-    asio::post(executor_, [self, status] {
+    // The executor may forget this before the next line is reached, and after Leave() there may be no executor: nothing
+    // of it is held here any more by then.
+    const std::shared_ptr<RpcChannel::Open> open = open_;
+    asio::any_io_executor executor = executor_;
+    std::shared_ptr<State> self = std::move(self_);
+    asio::post(std::exchange(executor, {}), [self = std::move(self), status] {
       self->status = status;
       self->done.Set();
     });
-    open_->Leave();
+    open->Leave();
   }
 
  private:
@@ -292,19 +296,22 @@ struct UnaryState {
 
 asio::awaitable<grpc::Status> CallUnary(RpcChannel& channel, Exchange& exchange, const std::string& method,
                                         grpc::ByteBuffer request, grpc::ByteBuffer* response) {
-  const asio::any_io_executor executor = exchange.executor();
-  const auto state = std::make_shared<UnaryState>(executor);
+  // Not const: what the callback captures of them must be movable.
+  asio::any_io_executor executor = exchange.executor();
+  auto state = std::make_shared<UnaryState>(executor);
   state->request = std::move(request);
   FillContext(exchange.request(), state->context);
-  const std::shared_ptr<RpcChannel::Open> open = channel.open();
+  std::shared_ptr<RpcChannel::Open> open = channel.open();
   open->Enter();
   open->stub().UnaryCall(&state->context, method, {}, &state->request, &state->response,
-                         [state, executor, open](const grpc::Status& status) {
-                           asio::post(executor, [state, status] {
+                         // As in RpcCall::State::OnDone.
+                         [state, executor, open](const grpc::Status& status) mutable {
+                           const std::shared_ptr<RpcChannel::Open> last = std::move(open);
+                           asio::post(std::exchange(executor, {}), [state = std::move(state), status] {
                              state->status = status;
                              state->done.Set();
                            });
-                           open->Leave();
+                           last->Leave();
                          });
   const auto gone = exchange.WhenGone([state] { state->context.TryCancel(); });
   co_await state->done.Wait();

@@ -80,8 +80,10 @@ class OpenApiWriter {
   void AddMethod(const ApiMethod& method) {
     const PathTemplate path = *PathTemplate::Parse(method.path);
     const MethodDescriptor& descriptor = *method.descriptor;
-    OrderedJson operation = {{"operationId", absl::StrCat(descriptor.service()->name(), "_", descriptor.name())},
-                             {"tags", OrderedJson::array({descriptor.service()->name()})}};
+    // Each further binding of a method needs a name of its own.
+    std::string id = absl::StrCat(descriptor.service()->name(), "_", descriptor.name());
+    if (const int binding = ++bindings_[id]; binding > 1) absl::StrAppend(&id, "_", binding);
+    OrderedJson operation = {{"operationId", id}, {"tags", OrderedJson::array({descriptor.service()->name()})}};
     Describe(descriptor, operation);
     OrderedJson parameters = OrderedJson::array();
     for (const std::string& name : path.StarNames()) {
@@ -280,7 +282,8 @@ class OpenApiWriter {
   }
 
   OrderedJson document_;
-  std::set<std::string> needed_;  // full names
+  std::map<std::string, int> bindings_;  // by operation id
+  std::set<std::string> needed_;         // full names
   std::deque<const Descriptor*> messages_to_write_;
   std::map<std::string, OrderedJson> schemas_;
 };

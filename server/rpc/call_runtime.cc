@@ -101,6 +101,11 @@ void CallRuntime::Stop() {
   }
 }
 
+void CallRuntime::WaitUntilIdle(absl::Time deadline) {
+  std::unique_lock lock(mutex_);
+  none_left_.wait_until(lock, absl::ToChronoTime(deadline), [this] { return in_flight_.empty(); });
+}
+
 absl::Status CallRuntime::Admit(CallKind kind, const std::vector<std::string>& clients) {
   const std::lock_guard lock(mutex_);
   const int in_flight = ++in_flight_[kind];

@@ -66,6 +66,8 @@ class CallRuntime {
   void Register(const std::shared_ptr<Stoppable>& stream);
   // From now on calls are answered ServerStopping(), and registered ones end.
   void Stop();
+  // Returns when no call is in flight, or at `deadline`.
+  void WaitUntilIdle(absl::Time deadline);
 
   Executor& executor() { return executor_; }
 

@@ -10,11 +10,11 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
-#include <chrono>
 #include <mutex>
 #include <string_view>
 
 #include "absl/strings/str_format.h"
+#include "absl/time/clock.h"
 #include "server/access/listen_address.h"
 #include "server/rpc/admin_service.h"
 #include "server/rpc/call_runtime.h"
@@ -148,8 +148,11 @@ std::shared_ptr<grpc::Channel> RpcServer::InProcessChannel() { return server_->I
 void RpcServer::Stop(absl::Duration patience) {
   if (server_ == nullptr) return;
   health_.StopServing();
+  const absl::Time deadline = absl::Now() + patience;
   runtime_->Stop();
-  server_->Shutdown(std::chrono::system_clock::now() + absl::ToChronoMilliseconds(patience));
+  // Shutdown closes the channel inside of the process at once, whatever its deadline, and HTTP comes over that one.
+  runtime_->WaitUntilIdle(deadline);
+  server_->Shutdown(absl::ToChronoTime(deadline));
   server_.reset();
 }
 

@@ -178,17 +178,6 @@ TEST_F(BridgeTest, CallsEndWithTheirClients) {
   }
 }
 
-TEST_F(BridgeTest, Probes) {
-  EXPECT_EQ(GetOnce(port(), "/readyz").status, 200);
-  const auto metrics = GetOnce(port(), "/metrics");
-  EXPECT_EQ(metrics.status, 200);
-  EXPECT_THAT(metrics.body, HasSubstr("depthtween_http_requests_total{method=\"GET\",status=\"200\"}"));
-  StopServer();
-  EXPECT_EQ(GetOnce(port(), "/readyz").status, 503);
-  EXPECT_EQ(GetOnce(port(), "/healthz").status, 200);
-  EXPECT_EQ(GetOnce(port(), "/v1/jobs").status, 503);
-}
-
 class BridgeAccessTest : public BridgeTest {
  protected:
   BridgeAccessTest() { guard_options.token_file = file_; }

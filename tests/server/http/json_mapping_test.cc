@@ -71,7 +71,7 @@ TEST(FillRequest, NamesWhatIsWrong) {
   };
   EXPECT_EQ(body(R"({"sequense": "x"})"), "job.sequense");
   EXPECT_EQ(body(R"({"options": {"key_evry": 1}})"), "job.options.key_evry");
-  EXPECT_EQ(body(R"({"options": {"keyEvery": "many"}})"), "job.options.keyEvery");
+  EXPECT_EQ(body(R"({"options": {"keyEvery": "many"}})"), "job.options.key_every");
   EXPECT_EQ(body("{"), "job");
   EXPECT_EQ(body("[]"), "job");
 
