@@ -99,8 +99,8 @@ class RpcTest : public testing::Test {
   v1::Job CreateJob(const v1::Sequence& sequence);
   v1::Job GetJob(const std::string& job);
   v1::Job WaitUntilEnded(const std::string& job);
-  // Has the store forget the checksums of the job's files, as if an older version had made them: the test puts others in
-  // their place.
+  // Has the store forget the checksums of the job's files, as if an older version had made them: the test puts others
+  // in their place.
   void ForgetChecksums(const v1::Job& job);
 
  private:
