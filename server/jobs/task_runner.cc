@@ -340,7 +340,10 @@ absl::Status TaskRunner::TakeAnswer(const Task& task, const JobRecord& job, cons
 
 absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const std::stop_token& stop,
                                  const TaskEvents& events, TaskOutcome& outcome) {
-  RETURN_IF_ERROR(inputs_.OfTask(task, job, stop));
+  if (absl::Status inputs = inputs_.OfTask(task, job, stop); !inputs.ok()) {
+    outcome.stopped = absl::IsCancelled(inputs);
+    return inputs;
+  }
   if (task.kind == TaskKind::kPrepare) {
     RETURN_IF_ERROR(MakeResultFolders(job));
     if (!job.depth_from.empty()) {

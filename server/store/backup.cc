@@ -92,11 +92,12 @@ absl::StatusOr<int64_t> ReadPieces(int fd, const std::string& name, int64_t want
 // Copies the first `wanted_bytes` of a file, or all of it, with its time. Not durable. NotFound or DataLoss if it
 // cannot be read; other errors if it cannot be written.
 absl::StatusOr<CopiedFile> CopyAndHash(const std::string& from, const std::string& to, int64_t wanted_bytes) {
-  const int in = open(from.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+  const int in = open(from.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
   if (in < 0) return ErrnoStatus(errno, "open " + from);
   const absl::Cleanup close_in = [in] { close(in); };
   struct stat info {};
   if (fstat(in, &info) != 0) return ErrnoStatus(errno, "stat " + from);
+  if (!S_ISREG(info.st_mode)) return absl::NotFoundError(from + " is not a regular file");
   const int out = open(to.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0644);
   if (out < 0) return ErrnoStatus(errno, "create " + to);
   const absl::Cleanup close_out = [out] { close(out); };

@@ -22,6 +22,15 @@ void AppendCrc(uint32_t crc32c, std::string& blocks) {
   for (size_t i = 0; i < kCrcBytes; ++i) blocks.push_back(static_cast<char>((crc32c >> (8 * i)) & 0xFFU));
 }
 
+// NotFound for what is no file, such as a link or a pipe: a child may have put it there.
+absl::StatusOr<int> OpenRegular(const std::string& file, struct stat& info) {
+  const int fd = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+  if (fd < 0 && errno != ELOOP) return ErrnoStatus(errno, "open " + file);
+  if (fd >= 0 && fstat(fd, &info) == 0 && S_ISREG(info.st_mode)) return fd;
+  if (fd >= 0) close(fd);
+  return absl::NotFoundError(file + " is not a regular file");
+}
+
 // Calls `on_block` with each block of a file until it returns false.
 absl::Status ReadBlocks(int fd, const std::string& file, const std::function<bool(std::string_view)>& on_block) {
   std::vector<char> block(static_cast<size_t>(kChecksumBlockBytes));
@@ -57,8 +66,8 @@ FileChecksum BlockChecksums::Finish(std::string path) {
 }
 
 absl::StatusOr<FileChecksum> ChecksumOf(const std::string& file, std::string path) {
-  const int fd = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-  if (fd < 0) return ErrnoStatus(errno, "open " + file);
+  struct stat info {};
+  ASSIGN_OR_RETURN(const int fd, OpenRegular(file, info));
   const absl::Cleanup close_it = [fd] { close(fd); };
   BlockChecksums checksums;
   RETURN_IF_ERROR(ReadBlocks(fd, file, [&checksums](std::string_view block) {
@@ -84,14 +93,12 @@ bool BlockMatches(const FileChecksum& checksum, int64_t block, std::string_view 
 
 absl::Status CheckFile(const std::string& file, const FileChecksum& checksum,
                        const std::function<bool(int64_t bytes)>& go_on, bool cold) {
-  const int fd = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-  if (fd < 0) return ErrnoStatus(errno, "open " + file);
+  struct stat info {};
+  ASSIGN_OR_RETURN(const int fd, OpenRegular(file, info));
   const absl::Cleanup close_it = [fd, cold] {
     if (cold) posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
     close(fd);
   };
-  struct stat info {};
-  if (fstat(fd, &info) != 0) return ErrnoStatus(errno, "stat " + file);
   if (info.st_size != checksum.size_bytes) {
     return absl::DataLossError(absl::StrCat("it has ", info.st_size, " bytes, ", checksum.size_bytes, " were stored"));
   }

@@ -37,7 +37,8 @@ class BlockChecksums {
   int64_t size_bytes_ = 0;
 };
 
-// Of the file at `file`, under the name `path`. Errors: those of reading it.
+// Of the file at `file`, under the name `path`. NotFound if there is none, or if it is something else, such as a link
+// or a pipe; other errors: those of reading it.
 absl::StatusOr<FileChecksum> ChecksumOf(const std::string& file, std::string path);
 
 // Whether these are the bytes of the whole file.

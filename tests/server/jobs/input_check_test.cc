@@ -2,6 +2,7 @@
 // other work must not.
 #include "server/jobs/input_check.h"
 
+#include "server/jobs/task_runner.h"
 #include "tests/server/jobs/jobs_fixture.h"
 
 namespace depthtween::server {
@@ -99,6 +100,23 @@ TEST_F(InputCheckTest, NoPictureIsMadeOfDamagedDepth) {
   EXPECT_EQ(Ended(pictures).record.state, JobState::kFailed);
   ExpectDamaged(View(pictures).record.error, "jobs/" + pictures + "/out/depth/000003.png");
   EXPECT_THAT(Logged(sequence, "render"), testing::ElementsAre(0)) << "frames 0 to 2 are as they were";
+}
+
+// A task that is stopped while its files are being checked has not failed.
+TEST_F(InputCheckTest, BeingStoppedIsNoFailure) {
+  Start();
+  const std::string sequence = ReadySequence();
+  jobs_.reset();
+  const std::string job = Take(store_->CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
+  const Task task = Take(store_->ClaimTask([](const JobRecord&, TaskKind) { return 1; })).value();
+  DamageLog damage;
+  TaskRunner runner(*directory_, *store_, damage, {.core_program = FAKE_CORE});
+  std::stop_source stop;
+  stop.request_stop();
+  const TaskOutcome outcome = runner.Run(task, Take(store_->GetJob(kTenant, job)), stop.get_token(), {});
+  EXPECT_TRUE(outcome.stopped);
+  EXPECT_THAT(outcome.error, HasCode(absl::StatusCode::kCancelled));
+  EXPECT_EQ(damage.files(), 0);
 }
 
 }  // namespace

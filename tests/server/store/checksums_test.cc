@@ -1,6 +1,8 @@
 // CRC-32C of "123456789" is 0xE3069283 by RFC 3720; damage is what the test writes over a byte.
 #include "server/store/checksums.h"
 
+#include <sys/stat.h>
+
 #include "tests/server/server_fixtures.h"
 
 namespace depthtween::server {
@@ -84,6 +86,13 @@ TEST(Checksums, OfAFile) {
   EXPECT_THAT(CheckFile(file, checksum), HasCode(absl::StatusCode::kDataLoss));
   EXPECT_THAT(CheckFile(folder / "none", checksum), HasCode(absl::StatusCode::kNotFound));
   EXPECT_THAT(ChecksumOf(folder / "none", ""), HasCode(absl::StatusCode::kNotFound));
+  // Nobody waits for the other end of a pipe, or follows a link.
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
+  std::filesystem::create_symlink(file, folder / "link");
+  for (const char* name : {"pipe", "link"}) {
+    EXPECT_THAT(ChecksumOf(folder / name, ""), HasCode(absl::StatusCode::kNotFound));
+    EXPECT_THAT(CheckFile(folder / name, checksum), HasCode(absl::StatusCode::kNotFound));
+  }
 }
 
 }  // namespace
