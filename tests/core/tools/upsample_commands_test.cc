@@ -5,11 +5,14 @@
 #include <algorithm>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "absl/strings/str_format.h"
 #include "core/io/file.h"
 #include "core/io/result_folder.h"
+#include "core/sandbox/sandbox.h"
 #include "tests/core/tools/tool_process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -219,6 +222,42 @@ TEST(TaskCommand, TellsItsProgress) {
   EXPECT_EQ(error.at("code"), "INVALID_ARGUMENT");
   EXPECT_THAT(error.at("message").get<std::string>(), HasSubstr("intervals 0 to 3"));
   EXPECT_EQ(failing.Wait(), 1);
+}
+
+// What the kernel says of a process that is at work. core/sandbox has its own tests of what that means.
+TEST(TaskCommand, IsShutIn) {
+  const TemporaryFolder scratch;
+  WriteTinyRecording(scratch / "recording", 64, 48, 30);
+  const TaskFiles task = MakeTask(scratch, {{"preset", "best"}});
+  ASSERT_EQ(task.Run("prepare").exit_code, 0);
+  std::vector<std::string> words = task.Arguments("intervals");
+  words.insert(words.end(), {"--first", "0", "--count", "3"});
+  RunningTask running(words);
+  ASSERT_NE(running.ReadLine(), "");
+  std::stringstream text;
+  text << std::ifstream("/proc/" + std::to_string(running.pid()) + "/status").rdbuf();
+  const std::string status = text.str();
+  EXPECT_THAT(status, HasSubstr("NoNewPrivs:\t1\n"));
+  EXPECT_THAT(status, HasSubstr("CapEff:\t0000000000000000\n"));
+  if (SupportedSandbox().system_calls) {
+    EXPECT_THAT(status, HasSubstr("Seccomp:\t2\n"));
+  }
+  running.CloseProgress();
+  EXPECT_NE(running.Wait(), 0) << "nobody hears it any more";
+}
+
+// Its files are those that the command line names: a link out of the recording leads nowhere.
+TEST(TaskCommand, ReadsNoOtherFiles) {
+  if (!SupportedSandbox().files) GTEST_SKIP() << "this kernel has no Landlock";
+  const TemporaryFolder scratch;
+  WriteTinyRecording(scratch / "recording", 32, 24, 20);
+  const TaskFiles task = MakeTask(scratch, {{"method", "hold"}});
+  EXPECT_EQ(task.Run("prepare").exit_code, 0);
+  fs::rename(scratch / "recording/camera.json", scratch / "camera.json");
+  fs::create_symlink(scratch / "camera.json", scratch / "recording/camera.json");
+  const ToolResult refused = task.Run("intervals", {"--first", "0", "--count", "1"});
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_THAT(refused.err, HasSubstr("Permission denied"));
 }
 
 TEST(TaskCommand, AssembleNamesWhatIsMissing) {
