@@ -4,8 +4,11 @@
 #include <sys/stat.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <exception>
 #include <filesystem>
 #include <functional>
@@ -38,6 +41,7 @@
 #include "server/store/sqlite_store.h"
 #include "server/telemetry/health.h"
 #include "server/telemetry/log.h"
+#include "server/telemetry/service_manager.h"
 #include "server/token_command.h"
 
 namespace depthtween::server {
@@ -52,6 +56,8 @@ constexpr int kExitOk = 0, kExitFailed = 1, kExitUsage = 2;
 
 // Streams end by themselves at once. This is for clients that do not read, and for calls that wait for the disk.
 constexpr absl::Duration kStopPatience = absl::Seconds(2);
+// What a stop may take beyond the drain: both listeners' patience, children that end, a disk that is slow.
+constexpr absl::Duration kStopSlack = absl::Seconds(30);
 
 struct ServeOptions {
   int64_t task_memory_bytes = -1;  // below 0: as the machine has it
@@ -82,10 +88,18 @@ class StopSignals {
     signal(SIGPIPE, SIG_IGN);  // a peer that hangs up fails a write and must not end the server
   }
 
-  // Returns the first signal. A second one ends the process at once.
-  int Wait() const {
-    int number = 0;
-    while (sigwait(&signals_, &number) != 0) {
+  // Returns the first signal; until it comes, calls `meanwhile` every `interval`. A second signal ends the process at
+  // once.
+  int Wait(absl::Duration interval, const std::function<void()>& meanwhile) const {
+    int number = -1;
+    absl::Time next = absl::Now() + interval;
+    while (number < 0) {
+      const timespec left = absl::ToTimespec(std::max(absl::ZeroDuration(), next - absl::Now()));
+      number = sigtimedwait(&signals_, nullptr, &left);
+      if (number < 0 && errno == EAGAIN) {
+        meanwhile();
+        next = absl::Now() + interval;
+      }
     }
     pthread_sigmask(SIG_SETMASK, &before_, nullptr);
     return number;
@@ -212,7 +226,14 @@ absl::Status Serve(const ServeOptions& options) {
                {{"seccomp", sandbox.system_calls ? "yes" : "no"}, {"landlock", sandbox.files ? "yes" : "no"}});
   }
 
-  const int signal_number = stop_signals.Wait();
+  const ServiceManager manager = ServiceManager::OfEnvironment();
+  manager.Ready(absl::StrCat("ready on ", address, http == nullptr ? "" : " and ", http_address));
+  // The manager restarts a server that says nothing: it speaks only after jobs and store have answered.
+  const int signal_number = stop_signals.Wait(manager.alive_interval(), [&] {
+    (void)jobs->Measure();
+    manager.Alive();
+  });
+  manager.Stopping(absl::Seconds(options.drain_s) + kStopSlack);
   LogInfo("stopping", {{"signal", strsignal(signal_number)}});
   // Not ready, so that nobody sends more; what runs may come to its end, the rest goes on after the next start.
   health.StopServing();
