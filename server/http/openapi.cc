@@ -121,12 +121,14 @@ class OpenApiWriter {
   }
 
   // A route of the server itself.
-  void AddPlain(const std::string& path, const std::string& description) {
-    document_["paths"][path]["get"] = {{"operationId", path.substr(1)},
-                                       {"tags", OrderedJson::array({"Server"})},
-                                       {"description", description},
-                                       {"security", OrderedJson::array()},
-                                       {"responses", {{"200", {{"description", "OK"}}}}}};
+  // `open`: asks for no token.
+  void AddPlain(const std::string& path, const std::string& description, bool open = true) {
+    OrderedJson& operation = document_["paths"][path]["get"];
+    operation = {{"operationId", path.substr(1)},
+                 {"tags", OrderedJson::array({"Server"})},
+                 {"description", description},
+                 {"responses", {{"200", {{"description", "OK"}}}}}};
+    if (open) operation["security"] = OrderedJson::array();
   }
 
   std::string Finish(const FileDescriptor& any_file) {
@@ -317,6 +319,8 @@ std::string OpenApiDocument(const std::vector<const FileDescriptor*>& files, std
   for (const ApiMethod& method : ApiMethods(files)) writer.AddMethod(method);
   writer.AddPlain("/healthz", "Whether the process is up.");
   writer.AddPlain("/readyz", "Whether the server takes work; 503 if not.");
+  writer.AddPlain("/metrics", "What the server counts and measures, in Prometheus' text format; for operators.",
+                  /*open=*/false);
   writer.AddPlain("/openapi.json", "This document.");
   return writer.Finish(*files.front());
 }

@@ -58,6 +58,14 @@ LogLevel LevelOfStatus(int status) {
   return status >= 400 && status != 499 ? LogLevel::kInfo : LogLevel::kDebug;
 }
 
+// A client may call its method what it likes; a metric must not have a series for each.
+std::string_view CountedMethod(std::string_view method) {
+  for (const char* known : {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}) {
+    if (method == known) return known;
+  }
+  return "other";
+}
+
 }  // namespace
 
 // ---- one request ----
@@ -314,6 +322,7 @@ asio::awaitable<void> Session::Refuse(int http_status, absl::Status status) {
                    "\r\nContent-Type: application/json\r\nX-Content-Type-Options: nosniff\r\nCache-Control: "
                    "no-store\r\nContent-Length: ",
                    response.body.size(), "\r\nConnection: close\r\n\r\n");
+  CountHttpRequest(CountedMethod(""), http_status);
   Log(LevelOfStatus(http_status), "http",
       {{"status", absl::StrCat(http_status)}, {"peer", peer_}, {"detail", std::string(status.message())}});
   std::vector<std::string_view> pieces = {head, response.body};
@@ -450,7 +459,7 @@ asio::awaitable<bool> Session::ServeOne() {
   --shared_.requests;
   exchange.EndWatch();
   const int status = exchange.answered() ? exchange.status() : 499;
-  CountHttpRequest(exchange.request().method, status);
+  CountHttpRequest(CountedMethod(exchange.request().method), status);
   Log(LevelOfStatus(status), "http",
       {{"method", exchange.request().method},
        {"path", exchange.request().path.substr(0, kMaxLoggedPathBytes)},

@@ -46,6 +46,15 @@ TEST(OpenApi, EveryMethodIsAnOperation) {
   }
 }
 
+// The probes are for balancers, which have no token; what the server counts tells of all tenants.
+TEST(OpenApi, OnlyProbesAreOpen) {
+  const Json& paths = Document()["paths"];
+  EXPECT_TRUE(paths["/readyz"]["get"]["security"].empty());
+  EXPECT_TRUE(paths["/readyz"]["get"].contains("security"));
+  EXPECT_FALSE(paths["/metrics"]["get"].contains("security")) << "it has what the document says for all";
+  EXPECT_FALSE(Document()["security"].empty());
+}
+
 TEST(OpenApi, EveryReferenceLeadsSomewhere) {
   int references = 0;
   const std::function<void(const Json&)> visit = [&](const Json& json) {
