@@ -1,9 +1,19 @@
 # The server with its tools. Build: docker build -t depthtween .   (or buildah bud, podman build)
 #
-#   docker run -p 127.0.0.1:50051:50051 -v depthtween:/var/lib/depthtween --read-only --init depthtween
+# As it is, it speaks TLS and asks for tokens. In certs/: cert.pem and key.pem (its certificate, which also names
+# localhost, for the health check), ca.pem (who signed it), tokens.json; all readable by user 10001, who owns the last:
 #
-# There is no TLS and there are no tokens yet: publish the port on the loopback interface, as above, or to a private
-# network only.
+#   docker run --rm -v ./certs:/etc/depthtween --user 0 --entrypoint sh depthtween -c 'depthtween-server token new \
+#     --tokens /etc/depthtween/tokens.json --tenant studio --scopes read,write && chown -R 10001 /etc/depthtween'
+#   docker run -p 50051:50051 -p 8443:8443 -v ./certs:/etc/depthtween:ro -v depthtween:/var/lib/depthtween --read-only \
+#     --init depthtween
+#
+# Let strangers reach it only through nginx (deploy/nginx, deploy/OPERATING.md). Without TLS and tokens everybody who
+# reaches the port can read and delete everything; that is for this machine alone, or a network of containers of your own:
+#
+#   docker run -p 127.0.0.1:50051:50051 -v depthtween:/var/lib/depthtween --read-only --init \
+#     --health-cmd 'depthtween-server healthcheck' depthtween \
+#     serve --data-dir /var/lib/depthtween --listen 0.0.0.0:50051 --insecure-listen-anywhere --log-json
 ARG BASE=debian:bookworm-slim
 
 FROM ${BASE} AS build
@@ -36,11 +46,13 @@ COPY LICENSE deploy/licences.md /usr/share/doc/depthtween/
 USER 10001:10001
 # Nothing else is written to, so the root file system may be read-only.
 VOLUME /var/lib/depthtween
-EXPOSE 50051
+EXPOSE 50051 8443
 STOPSIGNAL SIGTERM
 # buildah and podman keep this line only with --format docker.
-HEALTHCHECK --interval=10s --timeout=5s --start-period=10s CMD ["depthtween-server", "healthcheck"]
+HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
+  CMD ["depthtween-server", "healthcheck", "--server", "localhost:50051", "--tls-ca", "/etc/depthtween/ca.pem"]
 ENTRYPOINT ["depthtween-server"]
 # A container's loopback interface cannot be reached from outside, so the server listens on all its interfaces.
-CMD ["serve", "--data-dir", "/var/lib/depthtween", \
-     "--listen", "0.0.0.0:50051", "--insecure-listen-anywhere", "--log-json"]
+CMD ["serve", "--data-dir", "/var/lib/depthtween", "--listen", "0.0.0.0:50051", "--http-listen", "0.0.0.0:8443", \
+     "--tls-cert", "/etc/depthtween/cert.pem", "--tls-key", "/etc/depthtween/key.pem", \
+     "--tokens", "/etc/depthtween/tokens.json", "--log-json"]
