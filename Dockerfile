@@ -9,7 +9,7 @@
 #     --init depthtween
 #
 # Let strangers reach it only through nginx (deploy/nginx, deploy/OPERATING.md). Without TLS and tokens everybody who
-# reaches the port can read and delete everything; that is for this machine alone, or a network of containers of your own:
+# reaches the port can read and delete everything; that is for this machine alone, or your own network of containers:
 #
 #   docker run -p 127.0.0.1:50051:50051 -v depthtween:/var/lib/depthtween --read-only --init \
 #     --health-cmd 'depthtween-server healthcheck' depthtween \
