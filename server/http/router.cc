@@ -147,13 +147,13 @@ void Router::Add(std::string_view method, std::string_view path, HttpHandler han
 }
 
 std::optional<Router::Found> Router::Find(std::string_view method, const std::vector<std::string>& segments) const {
-  if (method == "HEAD") method = "GET";
   for (const Route& route : routes_) {
     if (route.method != method) continue;
     if (auto values = route.path.Match(segments)) {
       return Found{.handler = &route.handler, .path = &route.path.text(), .path_values = *std::move(values)};
     }
   }
+  if (method == "HEAD") return Find("GET", segments);
   return std::nullopt;
 }
 

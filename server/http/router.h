@@ -65,7 +65,7 @@ class Router {
   // written by us.
   void Add(std::string_view method, std::string_view path, HttpHandler handler);
 
-  // nullopt: no route for this method. "HEAD" finds what "GET" does.
+  // nullopt: no route for this method. "HEAD" finds what "GET" does, where it has no route of its own.
   std::optional<Found> Find(std::string_view method, const std::vector<std::string>& segments) const;
   // The methods that this path has, sorted; with GET also HEAD, and if it has any OPTIONS. Empty: no such path.
   std::vector<std::string> Methods(const std::vector<std::string>& segments) const;

@@ -41,6 +41,7 @@ TEST_F(FileServiceTest, RoutesLeadToTheirHandlers) {
   EXPECT_EQ(Answer("GET", "v1/jobs/none/outputs/report:download")->status, 404);
   EXPECT_EQ(Answer("POST", "v1/sequences/none/uploads:tus")->status, 412);
   EXPECT_EQ(Answer("OPTIONS", "v1/sequences/none/uploads/u:tus")->status, 204);
+  EXPECT_EQ(Answer("HEAD", "v1/sequences/none/uploads/u:tus")->status, 412) << "a HEAD without a GET";
   EXPECT_EQ(Answer("PUT", "v1/sequences/none/uploads/u")->status, 404);
   // What the router's stars take and no route is.
   const auto nothing = Answer("GET", "v1/jobs/none/outputs/depth");
