@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 
 namespace depthtween::server {
@@ -39,7 +40,7 @@ int64_t LimitIn(const std::string& path) {
 int64_t LimitOfGroup(const std::string& mount, std::string path, const std::string& file) {
   int64_t least = kUnlimitedMemory;
   while (true) {
-    least = std::min(least, LimitIn(mount + path + "/" + file));
+    least = std::min(least, LimitIn(absl::StrCat(mount, path, "/", file)));
     if (path.empty() || path == "/") return least;
     path.resize(path.rfind('/') == std::string::npos ? 0 : path.rfind('/'));
   }
