@@ -25,7 +25,7 @@ std::string Size(int64_t bytes) {
   auto value = static_cast<double>(bytes);
   size_t unit = 0;
   for (; value >= 1000.0 && unit + 1 < kUnits.size(); ++unit) value /= 1000.0;
-  return absl::StrFormat(unit == 0 ? "%.0f %s" : "%.1f %s", value, kUnits.at(unit));
+  return absl::StrFormat("%.*f %s", unit == 0 ? 0 : 1, value, kUnits.at(unit));
 }
 
 // Says on standard error how far it is, once a second.
