@@ -317,7 +317,7 @@ class HttpClient(Client):
                 return True
             if not interested and offset > 0:
                 return False
-            piece = data[offset:offset + self.random.randrange(1, 20000)]
+            piece = data[offset:offset + self.random.randrange(1, 5000)]
             self.ledger.marks(event="asks", operation="bytes", name=upload, first=offset, size=len(piece))
             try:
                 answer = self.send_piece(upload, offset, piece, len(data))

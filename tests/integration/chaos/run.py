@@ -107,7 +107,7 @@ class Chaos:
 
     def round(self, clients):
         # Most moments soon after the start, some late: what goes on differs.
-        time.sleep(0.02 * 100 ** self.random.random())
+        time.sleep(0.05 * 60 ** self.random.random())
         doing = [client.phase for client in clients]
         self.server.kill()
         self.rounds_done += 1
