@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import unittest
@@ -77,6 +78,32 @@ class LifecycleTest(harness.IntegrationTest):
             _, stderr = watcher.communicate(timeout=harness.PATIENCE_S)
             self.assertEqual(watcher.returncode, 0, stderr)
             self.assertEqual(server.job(name)["state"], "STATE_SUCCEEDED")
+
+    def test_draining_with_open_streams_ends_in_time_and_loses_nothing(self):
+        local = self.folder / "local"
+        harness.upsample(self.sequence, local, "--preset", "fast")
+        with Server(self.folder / "data", options=["--drain-seconds", "1"]) as server:
+            clients = [server.start_client("submit", str(self.sequence), "--preset", "fast", "-o",
+                                           str(self.folder / "out"))]
+            self.addCleanup(lambda: clients[0].poll() is None and clients[0].kill())
+            # A suspended task outlasts every drain, so the server must not wait for its end.
+            harness.wait_for("a finished frame", lambda: any(server.data_dir.glob("jobs/*/out/depth/*.png")))
+            tasks = harness.wait_for("a task", server.tasks)
+            for task in tasks:
+                with contextlib.suppress(OSError):  # it may have ended by itself
+                    os.kill(task.pid, signal.SIGSTOP)
+            name = server.client_json("list")["jobs"][0]["name"]
+            clients.append(server.start_client("watch", name, "--json"))
+            self.addCleanup(lambda: clients[1].poll() is None and clients[1].kill())
+            self.assertIn("snapshot", clients[1].stdout.readline())
+            self.assertEqual(server.stop(), 0, server.log_text())
+            self.assertEqual([task.pid for task in tasks if task.lives()], [])
+            server.start()
+            for client in clients:
+                _, stderr = client.communicate(timeout=harness.PATIENCE_S)
+                self.assertEqual(client.returncode, 0, stderr)
+            self.assertEqual(server.job(name)["state"], "STATE_SUCCEEDED")
+            self.assert_same_result(self.folder / "out", local)
 
     def test_first_contact_waits_for_the_server(self):
         with Server(self.folder / "data") as server:
