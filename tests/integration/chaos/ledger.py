@@ -48,6 +48,9 @@ class Ledger:
         self.acknowledged = {}  # operation -> how often
         self.lost = []
 
+    def close(self):
+        self._journal.close()
+
     def asks(self, operation, name, **facts):
         """Before the request leaves. `facts` become true of the resource now: from here on it may have happened."""
         self._note("asks", operation, name, facts)

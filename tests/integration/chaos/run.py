@@ -19,7 +19,6 @@ import pathlib
 import random
 import shutil
 import sqlite3
-import subprocess
 import sys
 import tempfile
 import threading
@@ -103,6 +102,7 @@ class Chaos:
             self.check_stopped()
             if self.ledger.lost:
                 shutil.copy(self.server.log, self.folder / "server.log")
+        self.ledger.close()
         return self.ledger.lost
 
     def round(self, clients):
