@@ -39,14 +39,21 @@ asio::awaitable<void> AnswerReadyz(RpcChannel& channel, Exchange& exchange) {
   (void)co_await exchange.Respond(std::move(response));
 }
 
+HttpResponse MetricsResponse(const std::string& text) {
+  return {.status = 200, .headers = {{"Content-Type", "text/plain; version=0.0.4"}}, .body = text};
+}
+
 asio::awaitable<void> AnswerMetrics(RpcChannel& channel, Exchange& exchange) {
+  const v1::GetMetricsRequest request;  // named: GCC 12 destroys temporaries of a co_await twice
   v1::Metrics metrics;
-  const grpc::Status status = co_await CallUnary(channel, exchange, "/depthtween.v1.AdminService/GetMetrics",
-                                                 v1::GetMetricsRequest(), &metrics);
-  HttpResponse response = status.ok() ? HttpResponse{.status = 200,
-                                                     .headers = {{"Content-Type", "text/plain; version=0.0.4"}},
-                                                     .body = metrics.text()}
-                                      : ErrorResponse(status);
+  const grpc::Status status =
+      co_await CallUnary(channel, exchange, "/depthtween.v1.AdminService/GetMetrics", request, &metrics);
+  HttpResponse response;
+  if (status.ok()) {
+    response = MetricsResponse(metrics.text());
+  } else {
+    response = ErrorResponse(status);
+  }
   (void)co_await exchange.Respond(std::move(response));
 }
 
