@@ -44,7 +44,8 @@ absl::Status WrongScope(Scope needed) {
   const std::string scope(ToString(needed));
   return WithErrorInfo(
       absl::PermissionDeniedError(absl::StrFormat(
-          "this call needs the scope %s, which the token does not have: ask the operator for one that has", scope)),
+          "this call needs the scope %s, which the token or link does not have: ask the operator for one that has",
+          scope)),
       {.reason = "WRONG_SCOPE", .metadata = {{"scope", scope}}});
 }
 
@@ -80,12 +81,12 @@ absl::StatusOr<std::unique_ptr<Guard>> Guard::Open(const GuardOptions& options) 
 
 Guard::Guard(GuardOptions options) : options_(std::move(options)) {}
 
-absl::StatusOr<Caller> Guard::Admit(const Credentials& credentials, Scope needed, std::string_view resource) {
+absl::StatusOr<Caller> Guard::Admit(const Credentials& credentials, const Needs& needs, std::string_view resource) {
   absl::StatusOr<Caller> caller = Caller{.tenant = Tenant(kDefaultTenant), .token_id = {}};
   if (!credentials.link.empty()) {
-    caller = AdmitLink(credentials.link, needed, resource);
+    caller = needs.link_opens ? AdmitLink(credentials.link, resource) : WrongScope(needs.scope);
   } else if (!options_.token_file.empty()) {
-    caller = AdmitToken(credentials.authorization, needed);
+    caller = AdmitToken(credentials.authorization, needs.scope);
   }
   if (caller.ok()) RETURN_IF_ERROR(CountCall(caller->tenant));
   return caller;
@@ -138,24 +139,28 @@ absl::StatusOr<Caller> Guard::AdmitToken(std::string_view authorization, Scope n
   return Caller{.tenant = Tenant(found->tenant), .token_id = found->id};
 }
 
-// A link is TENANT.EXPIRY.SIGNATURE.
-absl::StatusOr<Caller> Guard::AdmitLink(std::string_view link, Scope needed, std::string_view resource) const {
+// A link is TENANT.EXPIRY.RESOURCE.SIGNATURE, with the resource in Base64.
+absl::StatusOr<Caller> Guard::AdmitLink(std::string_view link, std::string_view resource) const {
   const absl::Status bad = Refused("BAD_LINK",
                                    "the link is not one of this server to this resource, or was made before "
                                    "the server was started: ask for a new one");
   const std::vector<std::string> parts = absl::StrSplit(View(link), '.');
   int64_t expiry = 0;
-  if (parts.size() != 3 || link.size() > kMaxSecretBytes || !absl::SimpleAtoi(parts[1], &expiry)) return bad;
-  if (!SameText(LinkSignature(parts[0], resource, parts[1]), parts[2])) return bad;
+  if (parts.size() != 4 || link.size() > kMaxSecretBytes || !absl::SimpleAtoi(parts[1], &expiry)) return bad;
+  std::string opens;
+  if (!absl::WebSafeBase64Unescape(parts[2], &opens)) return bad;
+  if (!SameText(LinkSignature(parts[0], opens, parts[1]), parts[3])) return bad;
+  // What it was made for, and the job that this is an output of.
+  if (opens != resource && opens.rfind(absl::StrCat(View(resource), "/outputs/"), 0) != 0) return bad;
   if (absl::Now() >= absl::FromUnixSeconds(expiry))
     return Refused("BAD_LINK", "the link has expired: ask for a new one");
-  if (needed != Scope::kRead) return WrongScope(needed);
   return Caller{.tenant = Tenant(parts[0]), .token_id = {}};
 }
 
 std::string Guard::SignLink(const Tenant& tenant, std::string_view resource, absl::Duration life) const {
   const std::string expiry = absl::StrCat(absl::ToUnixSeconds(absl::Now() + std::min(life, kMaxLinkLife)));
-  return absl::StrCat(tenant.name(), ".", expiry, ".", LinkSignature(tenant.name(), resource, expiry));
+  return absl::StrCat(tenant.name(), ".", expiry, ".", absl::WebSafeBase64Escape(View(resource)), ".",
+                      LinkSignature(tenant.name(), resource, expiry));
 }
 
 // Neither a tenant's name nor a number has a line break, so that no two triples give one text.

@@ -32,6 +32,12 @@ struct Credentials {
   std::string link;           // of a signed link, or empty
 };
 
+// What a method asks for.
+struct Needs {
+  Scope scope = Scope::kAdmin;
+  bool link_opens = false;  // a signed link is enough
+};
+
 // How long a signed link may live.
 inline constexpr absl::Duration kMaxLinkLife = absl::Hours(24);
 
@@ -42,17 +48,18 @@ class Guard {
 
   bool asks_for_tokens() const { return !options_.token_file.empty(); }
 
-  // Who calls. `needed` is what the method asks for, `resource` the name of the resource that it is about.
+  // Who calls. `resource` is the name of the resource that the call is about.
   // Unauthenticated (reasons NO_TOKEN, BAD_TOKEN, EXPIRED_TOKEN, BAD_LINK); PermissionDenied (WRONG_SCOPE) with the
-  // scope that is missing; ResourceExhausted (LIMIT_EXCEEDED, max_calls_per_second) when the tenant calls too often.
+  // scope that is missing, also for a link where none is enough; ResourceExhausted (LIMIT_EXCEEDED,
+  // max_calls_per_second) when the tenant calls too often.
   //
   // The token file is read again when it has changed, at most once a second. A changed file that cannot be read is
   // logged, and the tokens known before stay valid.
   // Threads: may be called concurrently. Secrets are compared in constant time.
-  absl::StatusOr<Caller> Admit(const Credentials& credentials, Scope needed, std::string_view resource);
+  absl::StatusOr<Caller> Admit(const Credentials& credentials, const Needs& needs, std::string_view resource);
 
-  // The text that lets anybody who has it read `resource` of this tenant for `life`. Links are signed with a key that
-  // lives as long as the guard: a restart of the server ends them.
+  // The text that opens `resource`, and what there is to say of the job that it belongs to, for `life` to anybody who
+  // has it. Links are signed with a key that lives as long as the guard: a restart of the server ends them.
   std::string SignLink(const Tenant& tenant, std::string_view resource, absl::Duration life) const;
 
  private:
@@ -67,7 +74,7 @@ class Guard {
   explicit Guard(GuardOptions options);
   Tokens CurrentTokens();
   absl::StatusOr<Caller> AdmitToken(std::string_view authorization, Scope needed);
-  absl::StatusOr<Caller> AdmitLink(std::string_view link, Scope needed, std::string_view resource) const;
+  absl::StatusOr<Caller> AdmitLink(std::string_view link, std::string_view resource) const;
   absl::Status CountCall(const Tenant& tenant);
   std::string LinkSignature(std::string_view tenant, std::string_view resource, std::string_view expiry) const;
 

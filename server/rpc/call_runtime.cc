@@ -159,8 +159,8 @@ absl::Status Call::Enter(const grpc::CallbackServerContext& context) {
   absl::Status refused;
   if (scope_) {
     absl::StatusOr<Caller> caller = runtime_.guard_.Admit(
-        {.authorization = Metadata(context, "authorization"), .link = Metadata(context, kLinkKey)}, *scope_,
-        names_.subject);
+        {.authorization = Metadata(context, "authorization"), .link = Metadata(context, kLinkKey)},
+        {.scope = *scope_, .link_opens = LinkOpensMethod(method_)}, names_.subject);
     refused = caller.status();
     if (caller.ok()) caller_ = *std::move(caller);
   }

@@ -14,10 +14,14 @@
 namespace depthtween::server {
 namespace {
 
-using Scopes = std::map<std::string, Scope, std::less<>>;
+struct MethodRule {
+  Scope scope = Scope::kAdmin;
+  bool link = false;
+};
+using MethodRules = std::map<std::string, MethodRule, std::less<>>;
 
-Scopes ReadScopes() {
-  Scopes scopes;
+MethodRules ReadRules() {
+  MethodRules rules;
   for (const google::protobuf::FileDescriptor* file :
        {v1::Sequence::descriptor()->file(), v1::Job::descriptor()->file(), v1::Output::descriptor()->file(),
         v1::ServerInfo::descriptor()->file()}) {
@@ -25,20 +29,27 @@ Scopes ReadScopes() {
       for (int k = 0; k < file->service(i)->method_count(); ++k) {
         const google::protobuf::MethodDescriptor& method = *file->service(i)->method(k);
         const absl::StatusOr<std::set<Scope>> named = ParseScopes(method.options().GetExtension(v1::scope));
-        scopes[method.name()] = named.ok() && named->size() == 1 ? *named->begin() : Scope::kAdmin;
+        rules[method.name()] = {.scope = named.ok() && named->size() == 1 ? *named->begin() : Scope::kAdmin,
+                                .link = method.options().GetExtension(v1::signed_link)};
       }
     }
   }
-  return scopes;
+  return rules;
+}
+
+MethodRule RuleOf(std::string_view method) {
+  static const MethodRules rules = ReadRules();
+  const auto found = rules.find(method);
+  return found == rules.end() ? MethodRule{} : found->second;
 }
 
 }  // namespace
 
 std::optional<Scope> ScopeOfMethod(std::string_view method) {
-  static const Scopes scopes = ReadScopes();
   if (method.substr(0, 7) == "Health.") return std::nullopt;
-  const auto found = scopes.find(method);
-  return found == scopes.end() ? Scope::kAdmin : found->second;
+  return RuleOf(method).scope;
 }
+
+bool LinkOpensMethod(std::string_view method) { return RuleOf(method).link; }
 
 }  // namespace depthtween::server

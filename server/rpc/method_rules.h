@@ -1,4 +1,4 @@
-// What each method asks of its caller, read from the `scope` options of our .proto files (access.proto).
+// What each method asks of its caller, read from the options of our .proto files (access.proto).
 #ifndef DEPTHTWEEN_SERVER_RPC_METHOD_RULES_H_
 #define DEPTHTWEEN_SERVER_RPC_METHOD_RULES_H_
 
@@ -13,6 +13,8 @@ namespace depthtween::server {
 // anybody may call: those of the health service. A method that names no scope needs kAdmin, so that one that was
 // forgotten lets nobody in.
 std::optional<Scope> ScopeOfMethod(std::string_view method);
+// Whether a signed link opens it.
+bool LinkOpensMethod(std::string_view method);
 
 }  // namespace depthtween::server
 

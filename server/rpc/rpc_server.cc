@@ -153,7 +153,7 @@ void RpcServer::Stop(absl::Duration patience) {
   // Shutdown closes the channel inside of the process at once, whatever its deadline, and HTTP comes over that one.
   runtime_->WaitUntilIdle(deadline);
   server_->Shutdown(absl::ToChronoTime(deadline));
-  server_.reset();
+  // The server itself lives on, and may be stopped again: a channel within the process may still begin a call.
 }
 
 }  // namespace depthtween::server

@@ -109,6 +109,31 @@ class AccessTest(harness.IntegrationTest):
                 self.assertNotEqual(result.returncode, 0, command)
                 self.assertIn(f"there is no {name}", result.stderr)
 
+    def test_a_signed_link_opens_one_output_without_a_token(self):
+        tokens = self.folder / "tokens.json"
+        secret = new_token(tokens, "studio")
+        with Server(self.folder / "data", options=["--tokens", tokens], http=True) as server:
+            check(server.client("submit", self.sequence, "--wait", "-o", self.folder / "out", "--token-file",
+                                self.token_file("secret", secret)))
+            token = {"Authorization": f"Bearer {secret}"}
+            name = server.http("GET", "/v1/jobs", headers=token)[1]["jobs"][0]["name"]
+            status, link = server.http("POST", f"/v1/{name}/outputs/depth:link", body={}, headers=token)
+            self.assertEqual(status, 200, link)
+
+            def get(path, signature):
+                url = f"http://127.0.0.1:{server.http_port}/v1/{path}?signature={signature}"
+                result = subprocess.run(["curl", "--silent", "--write-out", "%{http_code}", "--output",
+                                         self.folder / "got", url], capture_output=True, text=True,
+                                        timeout=harness.PATIENCE_S)
+                return int(result.stdout), (self.folder / "got").read_bytes()
+
+            depth = sorted((self.folder / "out" / "depth").glob("*.png"))
+            self.assertEqual(get(f"{name}/outputs/depth/frames/1.png", link["signature"]), (200, depth[1].read_bytes()))
+            self.assertEqual(get(f"{name}/outputs/depth.zip", link["signature"])[0], 200)
+            self.assertEqual(get(f"{name}/outputs/uncertainty/frames/1.png", link["signature"])[0], 401)
+            self.assertEqual(get(f"{name}/outputs/depth/frames/1.png", link["signature"][:-2])[0], 401)
+            self.assertEqual(get("jobs", link["signature"])[0], 403)
+
     def test_a_revoked_token_is_refused_soon(self):
         tokens = self.folder / "tokens.json"
         keep = self.token_file("keep", new_token(tokens))

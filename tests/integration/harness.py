@@ -151,12 +151,13 @@ class Server:
     def http_address(self):
         return f"http://127.0.0.1:{self.http_port}"
 
-    def http(self, method, path, body=None):
+    def http(self, method, path, body=None, headers=None):
         """One call over HTTP. Returns the status, and the answer read as JSON."""
         connection = http.client.HTTPConnection("127.0.0.1", self.http_port, timeout=PATIENCE_S)
         with contextlib.closing(connection):
             data = None if body is None else json.dumps(body)
-            connection.request(method, path, data, {} if data is None else {"Content-Type": "application/json"})
+            content = {} if data is None else {"Content-Type": "application/json"}
+            connection.request(method, path, data, {**content, **(headers or {})})
             response = connection.getresponse()
             return response.status, json.loads(response.read())
 

@@ -33,33 +33,33 @@ class GuardTest : public testing::Test {
 
 TEST_F(GuardTest, WithoutTokensEverybodyIsTheDefaultTenant) {
   const auto guard = Take(Guard::Open({}));
-  EXPECT_EQ(Take(guard->Admit({}, Scope::kAdmin, "")).tenant.name(), kDefaultTenant);
-  EXPECT_EQ(Take(guard->Admit(Bearer("anything"), Scope::kWrite, "")).tenant.name(), kDefaultTenant);
+  EXPECT_EQ(Take(guard->Admit({}, {.scope = Scope::kAdmin}, "")).tenant.name(), kDefaultTenant);
+  EXPECT_EQ(Take(guard->Admit(Bearer("anything"), {.scope = Scope::kWrite}, "")).tenant.name(), kDefaultTenant);
 }
 
 TEST_F(GuardTest, AKnownTokenIsItsTenant) {
   const std::string secret = Make({Scope::kRead});
   const auto guard = Open();
-  const Caller caller = Take(guard->Admit(Bearer(secret), Scope::kRead, "jobs/1"));
+  const Caller caller = Take(guard->Admit(Bearer(secret), {.scope = Scope::kRead}, "jobs/1"));
   EXPECT_EQ(caller.tenant.name(), "studio");
   EXPECT_EQ(caller.token_id, Take(ReadTokenFile(file_))[0].id);
-  EXPECT_THAT(guard->Admit({.authorization = "bearer   " + secret, .link = {}}, Scope::kRead, ""), IsOk());
+  EXPECT_THAT(guard->Admit({.authorization = "bearer   " + secret, .link = {}}, {.scope = Scope::kRead}, ""), IsOk());
 }
 
 TEST_F(GuardTest, RefusesEveryOtherToken) {
   const std::string secret = Make({Scope::kRead});
   const auto guard = Open();
-  EXPECT_THAT(guard->Admit({}, Scope::kRead, ""), HasReason(kUnauthenticated, "NO_TOKEN"));
+  EXPECT_THAT(guard->Admit({}, {.scope = Scope::kRead}, ""), HasReason(kUnauthenticated, "NO_TOKEN"));
   const std::vector<std::string> bad_ones = {"Basic YTpi", "Bearer", "Bearer " + secret + "x",
                                              "Bearer " + secret.substr(1), "Bearer " + std::string(100'000, 'a')};
   for (const std::string& bad : bad_ones) {
-    EXPECT_THAT(guard->Admit({.authorization = bad, .link = {}}, Scope::kRead, ""),
+    EXPECT_THAT(guard->Admit({.authorization = bad, .link = {}}, {.scope = Scope::kRead}, ""),
                 HasReason(kUnauthenticated, "BAD_TOKEN"))
         << bad.substr(0, 60);
   }
-  EXPECT_THAT(guard->Admit(Bearer(secret), Scope::kWrite, ""),
+  EXPECT_THAT(guard->Admit(Bearer(secret), {.scope = Scope::kWrite}, ""),
               HasReason(absl::StatusCode::kPermissionDenied, "WRONG_SCOPE"));
-  EXPECT_THAT(guard->Admit(Bearer(secret), Scope::kAdmin, ""),
+  EXPECT_THAT(guard->Admit(Bearer(secret), {.scope = Scope::kAdmin}, ""),
               HasReason(absl::StatusCode::kPermissionDenied, "WRONG_SCOPE"));
 }
 
@@ -70,7 +70,7 @@ TEST_F(GuardTest, AnExpiredTokenSaysSo) {
   ASSERT_NE(at, std::string::npos);
   text.insert(at, "\"expire_time\": \"2020-01-01T00:00:00Z\",\n      ");
   WriteText(file_, text);
-  EXPECT_THAT(Open()->Admit(Bearer(secret), Scope::kRead, ""), HasReason(kUnauthenticated, "EXPIRED_TOKEN"));
+  EXPECT_THAT(Open()->Admit(Bearer(secret), {.scope = Scope::kRead}, ""), HasReason(kUnauthenticated, "EXPIRED_TOKEN"));
 }
 
 // The file is looked at once a second; the test waits for the answer to change, at most as long as it is given.
@@ -80,7 +80,7 @@ TEST_F(GuardTest, NewAndRevokedTokensCountWithoutARestart) {
   const std::string late = Make({Scope::kRead}, "late");
   const auto becomes = [&](bool ok) {
     for (int i = 0; i < 300; ++i) {
-      if (guard->Admit(Bearer(late), Scope::kRead, "").ok() == ok) return true;
+      if (guard->Admit(Bearer(late), {.scope = Scope::kRead}, "").ok() == ok) return true;
       absl::SleepFor(absl::Milliseconds(20));
     }
     return false;
@@ -95,7 +95,7 @@ TEST_F(GuardTest, ABrokenFileLeavesTheTokensValid) {
   const auto guard = Open();
   WriteText(file_, "{");
   absl::SleepFor(absl::Milliseconds(1100));  // until it is looked at again
-  EXPECT_THAT(guard->Admit(Bearer(secret), Scope::kRead, ""), IsOk());
+  EXPECT_THAT(guard->Admit(Bearer(secret), {.scope = Scope::kRead}, ""), IsOk());
 }
 
 TEST_F(GuardTest, AFileWithoutTokensIsRefusedAtTheStart) {
@@ -108,20 +108,23 @@ TEST_F(GuardTest, ALinkReadsTheOneResourceOfItsTenant) {
   Make({Scope::kRead});
   const auto guard = Open();
   const std::string link = guard->SignLink(Tenant("studio"), "jobs/1/outputs/dof", absl::Minutes(5));
-  const auto admit = [&](const std::string& text, Scope scope, std::string_view resource) {
-    return guard->Admit({.authorization = {}, .link = text}, scope, resource);
+  const auto admit = [&](const std::string& text, bool opens, std::string_view resource) {
+    return guard->Admit({.authorization = {}, .link = text}, {.scope = Scope::kRead, .link_opens = opens}, resource);
   };
-  EXPECT_EQ(Take(admit(link, Scope::kRead, "jobs/1/outputs/dof")).tenant.name(), "studio");
-  EXPECT_THAT(admit(link, Scope::kWrite, "jobs/1/outputs/dof"),
-              HasReason(absl::StatusCode::kPermissionDenied, "WRONG_SCOPE"));
-  EXPECT_THAT(admit(link, Scope::kRead, "jobs/1/outputs/depth"), HasReason(kUnauthenticated, "BAD_LINK"));
-  EXPECT_THAT(admit("other" + link.substr(6), Scope::kRead, "jobs/1/outputs/dof"),
+  EXPECT_EQ(Take(admit(link, true, "jobs/1/outputs/dof")).tenant.name(), "studio");
+  EXPECT_THAT(admit(link, false, "jobs/1/outputs/dof"), HasReason(absl::StatusCode::kPermissionDenied, "WRONG_SCOPE"));
+  EXPECT_THAT(admit(link, true, "jobs/1"), IsOk()) << "what there is to say of its job";
+  EXPECT_THAT(admit(link, true, "jobs/2"), HasReason(kUnauthenticated, "BAD_LINK"));
+  EXPECT_THAT(admit(link, true, "jobs"), HasReason(kUnauthenticated, "BAD_LINK"));
+  EXPECT_THAT(admit(link, true, ""), HasReason(kUnauthenticated, "BAD_LINK"));
+  EXPECT_THAT(admit(link, true, "jobs/1/outputs/depth"), HasReason(kUnauthenticated, "BAD_LINK"));
+  EXPECT_THAT(admit("other" + link.substr(6), true, "jobs/1/outputs/dof"), HasReason(kUnauthenticated, "BAD_LINK"));
+  EXPECT_THAT(admit(link.substr(0, link.size() - 1), true, "jobs/1/outputs/dof"),
               HasReason(kUnauthenticated, "BAD_LINK"));
-  EXPECT_THAT(admit(link.substr(0, link.size() - 1), Scope::kRead, "jobs/1/outputs/dof"),
-              HasReason(kUnauthenticated, "BAD_LINK"));
-  EXPECT_THAT(admit("a.b.c.d", Scope::kRead, "jobs/1/outputs/dof"), HasReason(kUnauthenticated, "BAD_LINK"));
+  EXPECT_THAT(admit("a.b.c.d", true, "jobs/1/outputs/dof"), HasReason(kUnauthenticated, "BAD_LINK"));
   // Another guard has another key.
-  EXPECT_THAT(Open()->Admit({.authorization = {}, .link = link}, Scope::kRead, "jobs/1/outputs/dof"),
+  EXPECT_THAT(Open()->Admit({.authorization = {}, .link = link}, {.scope = Scope::kRead, .link_opens = true},
+                            "jobs/1/outputs/dof"),
               HasReason(kUnauthenticated, "BAD_LINK"));
 }
 
@@ -129,7 +132,7 @@ TEST_F(GuardTest, ALinkExpires) {
   Make({Scope::kRead});
   const auto guard = Open();
   const std::string link = guard->SignLink(Tenant("studio"), "jobs/1", -absl::Seconds(2));
-  EXPECT_THAT(guard->Admit({.authorization = {}, .link = link}, Scope::kRead, "jobs/1"),
+  EXPECT_THAT(guard->Admit({.authorization = {}, .link = link}, {.scope = Scope::kRead, .link_opens = true}, "jobs/1"),
               HasReason(kUnauthenticated, "BAD_LINK"));
 }
 
@@ -140,14 +143,14 @@ TEST_F(GuardTest, ATenantThatCallsTooOftenIsSlowedAlone) {
   const auto guard = Open(/*calls_per_second=*/2);
   int refused = 0;
   for (int i = 0; i < 1000; ++i) {
-    const auto caller = guard->Admit(Bearer(busy), Scope::kRead, "");
+    const auto caller = guard->Admit(Bearer(busy), {.scope = Scope::kRead}, "");
     if (caller.ok()) continue;
     EXPECT_THAT(caller, HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
     ++refused;
   }
   EXPECT_GT(refused, 0);
   EXPECT_LE(refused, 990) << "10 may come at once";
-  EXPECT_THAT(guard->Admit(Bearer(calm), Scope::kRead, ""), IsOk());
+  EXPECT_THAT(guard->Admit(Bearer(calm), {.scope = Scope::kRead}, ""), IsOk());
 }
 
 }  // namespace

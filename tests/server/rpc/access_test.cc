@@ -159,6 +159,16 @@ TEST_F(RpcTest, ALinkOpensItsResourceAlone) {
   };
   EXPECT_THAT(follow(read, link.name()), Succeeds());
   EXPECT_THAT(follow(read_other, job.name() + "/outputs/camera"), Fails(grpc::UNAUTHENTICATED, "BAD_LINK"));
+  // Also what there is to say of its job, and no more links.
+  grpc::ClientContext look, more;
+  look.AddMetadata("depthtween-link", link.signature());
+  v1::GetJobRequest get;
+  get.set_name(job.name());
+  v1::Job seen;
+  EXPECT_THAT(jobs_stub().GetJob(&look, get, &seen), Succeeds());
+  more.AddMetadata("depthtween-link", link.signature());
+  v1::Link another;
+  EXPECT_THAT(outputs_stub().CreateLink(&more, request, &another), Fails(grpc::PERMISSION_DENIED, "WRONG_SCOPE"));
   write.AddMetadata("depthtween-link", link.signature());
   v1::CancelJobRequest cancel;
   cancel.set_name(link.name());
