@@ -32,7 +32,9 @@ std::string Metadata(const grpc::CallbackServerContext& context, const char* key
 std::string PeerOf(const grpc::CallbackServerContext& context) {
   const std::string peer = context.peer();
   const std::string behind = Metadata(context, kPeerKey);
-  return behind.empty() || peer.rfind("inproc", 0) != 0 ? peer : behind;
+  // A call from within the process has no address: gRPC 1.51 says "unknown", later versions "inproc".
+  const bool within = peer == "unknown" || peer.rfind("inproc", 0) == 0;
+  return within && !behind.empty() ? behind : peer;
 }
 
 // "ipv4:10.0.0.7:41234" -> "ipv4:10.0.0.7": a client's connections count together.

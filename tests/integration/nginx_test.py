@@ -221,6 +221,8 @@ class NginxTest(harness.IntegrationTest):
     def test_an_upload_goes_through_as_it_comes(self):
         data = os.urandom(12_000_000)
         sequence = json.loads(self.curl("/v1/sequences", *JSON, "{}"))["name"]
+        # Who did it is an address, also of what came over HTTP.
+        self.assertRegex(self.server.log_text(), r"audit method=CreateSequence .* peer=127\.0\.0\.1:\d+")
         tus = ("--header", "Tus-Resumable: 1.0.0")
         path = base64.b64encode(b"rgb/000000.png").decode()
         made = self.curl(f"/v1/{sequence}/uploads:tus", "--request", "POST", "--dump-header", "-", *tus, "--header",
