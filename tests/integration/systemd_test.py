@@ -74,6 +74,7 @@ class SystemdTest(harness.IntegrationTest):
 
     def test_the_server_says_that_it_is_ready_lives_and_stops(self):
         manager = Manager(self.folder / "notify")
+        self.addCleanup(manager.socket.close)
         with mock.patch.dict(os.environ, {"NOTIFY_SOCKET": str(self.folder / "notify"), "WATCHDOG_USEC": "200000"}):
             server = Server(self.folder / "data", options=["--drain-seconds", "7"])
             with server:
