@@ -214,6 +214,7 @@ class NginxTest(harness.IntegrationTest):
         self.assertEqual(frame, next(iter(sorted((out / "depth").glob("*.png")))).read_bytes())
         link = json.loads(self.curl(f"/v1/{name}:link", *JSON, "{}"))
         self.assertIn(b"STATE_SUCCEEDED", self.curl(f"/v1/{name}:watch?signature={link['signature']}", secret=""))
+        self.curl(f"/v1/{name}:link?signature={link['signature']}", *JSON, "{}", expect=403, secret="")
         log = (self.nginx.folder / "access.log").read_text()
         self.assertIn(f"GET /v1/{name}:watch HTTP/2.0", log)
         self.assertNotIn(link["signature"], log)
