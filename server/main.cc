@@ -240,8 +240,9 @@ absl::Status Serve(const ServeOptions& options) {
   jobs->Drain(absl::Seconds(options.drain_s));
   jobs->StopErrands();  // calls that wait for a child must not outlast the patience
   if (http != nullptr) http->Drain();
-  server->Stop(kStopPatience);  // streams over HTTP learn from this why they end
+  server->Drain(kStopPatience);  // streams over HTTP learn from this why they end
   if (http != nullptr) http->Stop(kStopPatience);
+  server->Stop(absl::ZeroDuration());
   return absl::OkStatus();  // the destructors end the children and close the store
 }
 

@@ -14,7 +14,6 @@
 #include "server/rpc/frame_encoding.h"
 #include "server/rpc/frame_render_stream.h"
 #include "server/rpc/frame_stream.h"
-#include "server/store/error_info.h"
 
 namespace depthtween::server {
 namespace {
@@ -80,11 +79,6 @@ class OutputService : public v1::OutputService::CallbackService {
   grpc::ServerUnaryReactor* CreateLink(CallbackServerContext* context, const v1::CreateLinkRequest* request,
                                        v1::Link* response) override {
     return runtime_.Unary(context, "CreateLink", request->name(), [=, this](const Caller& caller) -> absl::Status {
-      // Else a link would never end: with each one could make the next.
-      if (guard_.asks_for_tokens() && caller.token_id.empty()) {
-        return WithErrorInfo(absl::PermissionDeniedError("a link makes no links: this call needs a token"),
-                             {.reason = "WRONG_SCOPE", .metadata = {{"scope", "read"}}});
-      }
       const absl::Duration life = request->has_lifetime() ? absl::Seconds(request->lifetime().seconds()) : kLinkLife;
       if (life < absl::Seconds(1) || life > kMaxLinkLife) {
         return InvalidField("lifetime", absl::StrCat("= ", absl::FormatDuration(life), ", must be 1 s to 24 h"));

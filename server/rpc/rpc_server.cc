@@ -145,15 +145,18 @@ RpcServer::~RpcServer() { Stop(absl::ZeroDuration()); }
 
 std::shared_ptr<grpc::Channel> RpcServer::InProcessChannel() { return server_->InProcessChannel({}); }
 
+void RpcServer::Drain(absl::Duration patience) {
+  health_.StopServing();
+  runtime_->Stop();
+  runtime_->WaitUntilIdle(absl::Now() + patience);
+}
+
 void RpcServer::Stop(absl::Duration patience) {
   if (server_ == nullptr) return;
-  health_.StopServing();
   const absl::Time deadline = absl::Now() + patience;
-  runtime_->Stop();
-  // Shutdown closes the channel inside of the process at once, whatever its deadline, and HTTP comes over that one.
-  runtime_->WaitUntilIdle(deadline);
+  Drain(patience);
   server_->Shutdown(absl::ToChronoTime(deadline));
-  // The server itself lives on, and may be stopped again: a channel within the process may still begin a call.
+  server_.reset();
 }
 
 }  // namespace depthtween::server

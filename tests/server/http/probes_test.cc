@@ -22,7 +22,7 @@ TEST_F(ProbesTest, AliveIsNotReady) {
   const RawAnswer metrics = GetOnce(port, "/metrics");
   EXPECT_EQ(metrics.status, 200);
   EXPECT_THAT(metrics.body, testing::HasSubstr("depthtween_http_requests_total{method=\"GET\",status=\"200\"}"));
-  StopServer();
+  server().Drain(absl::Seconds(60));
   EXPECT_EQ(GetOnce(port, "/readyz").status, 503);
   EXPECT_EQ(GetOnce(port, "/healthz").status, 200);
   EXPECT_EQ(GetOnce(port, "/v1/jobs").status, 503);
