@@ -49,7 +49,7 @@ style() {
 }
 
 tidy() {
-  deploy/tidy.sh --recent 8
+  deploy/tidy.sh --recent 4
 }
 
 suite() {

@@ -48,6 +48,7 @@ absl::StatusOr<std::set<Scope>> ParseScopes(std::string_view list) {
 
 std::string JoinScopes(const std::set<Scope>& scopes) {
   std::vector<std::string> words;
+  words.reserve(scopes.size());
   for (const Scope scope : scopes) words.emplace_back(ToString(scope));
   return absl::StrJoin(words, ",");
 }

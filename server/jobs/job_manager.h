@@ -42,7 +42,7 @@ struct JobManagerOptions {
   int64_t child_file_bytes = int64_t{4} << 30;     // size of any one file it writes
   // Processor time of one task, over all its threads; 0 = no limit. A backstop against work that has no end: the
   // longest task there is, the scene flow and the videos of 100,000 frames at a second and a half each, fits into it.
-  int64_t task_cpu_seconds = 48 * 3600;
+  int64_t task_cpu_seconds = int64_t{48} * 3600;
   // A task that says nothing for so long is ended, and tried again like one that crashed. Children tell of each stage
   // and each frame: the longest silence is one stage on one interval of large frames, a few minutes.
   absl::Duration task_stall = absl::Minutes(10);
