@@ -219,7 +219,8 @@ asio::awaitable<bool> RpcCall::Write(const google::protobuf::Message& message) {
 }
 
 asio::awaitable<bool> RpcCall::WriteLast(const google::protobuf::Message& message) {
-  co_return co_await WriteLast(Serialize(message));
+  grpc::ByteBuffer bytes = Serialize(message);
+  co_return co_await WriteLast(std::move(bytes));
 }
 
 asio::awaitable<bool> RpcCall::WriteLast(grpc::ByteBuffer message) {
@@ -322,7 +323,8 @@ asio::awaitable<grpc::Status> CallUnary(RpcChannel& channel, Exchange& exchange,
 asio::awaitable<grpc::Status> CallUnary(RpcChannel& channel, Exchange& exchange, const std::string& method,
                                         const google::protobuf::Message& request, google::protobuf::Message* response) {
   grpc::ByteBuffer answer;
-  grpc::Status status = co_await CallUnary(channel, exchange, method, Serialize(request), &answer);
+  grpc::ByteBuffer bytes = Serialize(request);
+  grpc::Status status = co_await CallUnary(channel, exchange, method, std::move(bytes), &answer);
   if (!status.ok()) co_return status;
   co_return Parse(&answer, response);
 }

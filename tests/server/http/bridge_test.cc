@@ -147,14 +147,14 @@ TEST_F(BridgeTest, StreamsFrames) {
 
 // The server stops: events say why, so that a client knows that it may come again.
 TEST_F(BridgeTest, StreamsSayWhyTheyEnd) {
-  const v1::Sequence sequence = ReadySequence(R"({"wait_at": "prepare"})");
+  const v1::Sequence sequence = ReadySequence("wait_at 1");
   const std::string job = CreateJob(sequence).name();
   RawClient client(port());
   client.Get("/v1/" + job + ":watch", "Accept: text/event-stream\r\n");
   while (client.ReadLine().value_or("data: ").rfind("data: ", 0) != 0) {
   }
   http().Drain();
-  StopServer(absl::Seconds(60));
+  server().Drain(absl::Seconds(60));
   const std::string rest = client.ReadToEnd();
   EXPECT_THAT(rest, HasSubstr("event: error\ndata: {\"code\":14"));
   EXPECT_THAT(rest, HasSubstr("SERVER_STOPPING"));
@@ -164,7 +164,7 @@ TEST_F(BridgeTest, StreamsSayWhyTheyEnd) {
 // A watcher that goes away leaves its place among the streams.
 TEST_F(BridgeTest, CallsEndWithTheirClients) {
   rpc_options.room.streams = 1;
-  const v1::Sequence sequence = ReadySequence(R"({"wait_at": "prepare"})");
+  const v1::Sequence sequence = ReadySequence("wait_at 1");
   const std::string job = CreateJob(sequence).name();
   for (int i = 0; i < 3; ++i) {
     RawClient client(port());

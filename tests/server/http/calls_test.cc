@@ -83,7 +83,7 @@ TEST_F(CallsTest, ClientStreaming) {
 TEST_F(CallsTest, ServerStreamingUntilTheClientGoes) {
   RpcChannel rpc(channel());
   FakeExchange exchange(context, {.request_id = "abc"});
-  const std::string job = CreateJob(ReadySequence(R"({"wait_at": "prepare"})")).name();
+  const std::string job = CreateJob(ReadySequence("wait_at 1")).name();
   bool first = false, waited = false;
   const auto watch = [&]() -> boost::asio::awaitable<grpc::Status> {
     RpcCall call(rpc, exchange, "/depthtween.v1.JobService/WatchJob");
@@ -94,8 +94,8 @@ TEST_F(CallsTest, ServerStreamingUntilTheClientGoes) {
     first = co_await call.Read(&event);
     // The job waits for its child: sooner or later there is nothing new.
     std::optional<bool> more = true;
-    while (more) more = co_await call.ReadWithin(absl::Milliseconds(50), &event);
-    waited = true;
+    while (more && *more) more = co_await call.ReadWithin(absl::Milliseconds(50), &event);
+    waited = !more;
     exchange.MarkGone();
     EXPECT_FALSE(co_await call.Read(&event));
     co_return co_await call.Finish();
