@@ -5,7 +5,7 @@
 #   tidy    clang-tidy on the sources that changed last; for all: deploy/tidy.sh
 #   suite   all tests, once: optimised, with assertions
 #   asan    core, jobs and store under AddressSanitizer and UndefinedBehaviorSanitizer
-#   tsan    jobs and store under ThreadSanitizer
+#   tsan    jobs, store and access under ThreadSanitizer
 #   fuzz    the fuzz targets over their corpora
 #
 # Sanitizers see our modules only: Debian's gRPC is not instrumented, and generated code is not ours.
@@ -64,13 +64,13 @@ tsan() {
   # GCC 12's runtime has no room for the many random bits of addresses that newer kernels use. Where a container forbids
   # to switch them off, the kernel is left as it is.
   if setarch --addr-no-randomize true 2>/dev/null; then local WITHOUT_ASLR=(setarch --addr-no-randomize); fi
-  configure tsan && build tsan server_jobs_test server_store_test &&
-    run_tests tsan tsan -R '^server_(jobs|store)_test$'
+  configure tsan && build tsan server_jobs_test server_store_test server_access_test &&
+    run_tests tsan tsan -R '^server_(jobs|store|access)_test$'
 }
 
 fuzz() {
   local targets
-  mapfile -t targets < <(sed -n 's/^depthtween_fuzz_target(\([a-z_]*\) .*)$/\1_fuzz/p' tests/fuzz/CMakeLists.txt)
+  mapfile -t targets < <(sed -nE 's/^depthtween_(http_)?fuzz_target\(([a-z_]+).*\)$/\2_fuzz/p' tests/fuzz/CMakeLists.txt)
   configure fuzz && build fuzz "${targets[@]}" && run_tests fuzz fuzz -L fuzz
 }
 
