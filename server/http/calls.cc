@@ -219,12 +219,12 @@ asio::awaitable<bool> RpcCall::Write(const google::protobuf::Message& message) {
 }
 
 asio::awaitable<bool> RpcCall::WriteLast(const google::protobuf::Message& message) {
-  grpc::ByteBuffer bytes = Serialize(message);
-  co_return co_await WriteLast(std::move(bytes));
+  const grpc::ByteBuffer bytes = Serialize(message);
+  co_return co_await WriteLast(bytes);
 }
 
 asio::awaitable<bool> RpcCall::WriteLast(grpc::ByteBuffer message) {
-  state_->to_write = std::move(message);
+  state_->to_write = message;
   state_->StartWriteLast(&state_->to_write, grpc::WriteOptions());
   co_await state_->written.Wait();
   co_return state_->write_ok;

@@ -60,11 +60,11 @@ class RpcServer {
   // A channel to this server that needs no network.
   std::shared_ptr<grpc::Channel> InProcessChannel();
 
-  // Health says NOT_SERVING, new calls are refused, streams end with UNAVAILABLE and a RetryInfo. Returns when no call is
-  // left, or after `patience`.
+  // Health says NOT_SERVING, new calls are refused, streams end with UNAVAILABLE and a RetryInfo. Returns when no call
+  // is left, or after `patience`.
   void Drain(absl::Duration patience);
-  // Drains, and cancels what is left after `patience`. Afterwards no call may begin on a channel within the process: gRPC
-  // 1.51 would read what it has freed. Who calls over one is stopped between Drain and Stop.
+  // Drains, and cancels what is left after `patience`. Afterwards no call may begin on a channel within the process:
+  // gRPC 1.51 would read what it has freed. Who calls over one is stopped between Drain and Stop.
   void Stop(absl::Duration patience);
 
  private:
