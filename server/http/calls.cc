@@ -300,7 +300,7 @@ asio::awaitable<grpc::Status> CallUnary(RpcChannel& channel, Exchange& exchange,
   // Not const: what the callback captures of them must be movable.
   asio::any_io_executor executor = exchange.executor();
   auto state = std::make_shared<UnaryState>(executor);
-  state->request = std::move(request);
+  state->request = request;
   FillContext(exchange.request(), state->context);
   std::shared_ptr<RpcChannel::Open> open = channel.open();
   open->Enter();
@@ -324,7 +324,7 @@ asio::awaitable<grpc::Status> CallUnary(RpcChannel& channel, Exchange& exchange,
                                         const google::protobuf::Message& request, google::protobuf::Message* response) {
   grpc::ByteBuffer answer;
   grpc::ByteBuffer bytes = Serialize(request);
-  grpc::Status status = co_await CallUnary(channel, exchange, method, std::move(bytes), &answer);
+  grpc::Status status = co_await CallUnary(channel, exchange, method, bytes, &answer);
   if (!status.ok()) co_return status;
   co_return Parse(&answer, response);
 }
