@@ -28,7 +28,7 @@ class Upkeep {
 
  private:
   void ExpireUploads(const std::stop_token& stop);
-  // A round goes on where it was when a server stops.
+  // A round that a stop interrupts resumes at the same file.
   void Scrub(const std::stop_token& stop);
 
   Store& store_;
