@@ -4,9 +4,13 @@
 #   style   layering of the source tree, clang-format
 #   tidy    clang-tidy on the sources that changed last; for all: deploy/tidy.sh
 #   suite   all tests, once: optimised, with assertions
-#   asan    core, jobs and store under AddressSanitizer and UndefinedBehaviorSanitizer
+#   asan    the tests of modules under AddressSanitizer and UndefinedBehaviorSanitizer, gRPC, HTTP and client among them
 #   tsan    jobs, store and access under ThreadSanitizer
 #   fuzz    the fuzz targets over their corpora
+#
+# Too slow for each change, so only when named:
+#
+#   tsan-http   the HTTP listener under ThreadSanitizer, ten minutes on two processors
 #
 # Sanitizers see our modules only: Debian's gRPC is not instrumented, and generated code is not ours.
 # Every step runs, even if an earlier one failed; the exit code is 0 if all passed.
@@ -15,7 +19,7 @@ set -uo pipefail
 # shellcheck source-path=SCRIPTDIR
 source "$(dirname "${BASH_SOURCE[0]}")/steps.sh" || exit
 
-readonly ALL_STEPS=(style tidy suite asan tsan fuzz)
+readonly ALL_STEPS=(style tidy suite asan tsan fuzz) SLOW_STEPS=(tsan-http)
 readonly LOGS=build/test-logs
 
 # run_tests STEP PRESET [WHICH]: the log keeps what the summary quotes. A hung test is ended by its own time limit.
@@ -60,13 +64,19 @@ asan() {
   configure asan && build asan && UBSAN_OPTIONS=print_stacktrace=1 run_tests asan asan
 }
 
-tsan() {
+# sanitize_threads STEP TEST...
+sanitize_threads() {
+  local tests=("${@:2}")
   # GCC 12's runtime has no room for the many random bits of addresses that newer kernels use. Where a container forbids
   # to switch them off, the kernel is left as it is.
   if setarch --addr-no-randomize true 2>/dev/null; then local WITHOUT_ASLR=(setarch --addr-no-randomize); fi
-  configure tsan && build tsan server_jobs_test server_store_test server_access_test &&
-    run_tests tsan tsan -R '^server_(jobs|store|access)_test$'
+  configure tsan && build tsan "${tests[@]}" &&
+    TSAN_OPTIONS="suppressions=$PWD/deploy/cmake/thread-sanitizer.supp" \
+      run_tests "$1" tsan -R "^($(IFS='|' && echo "${tests[*]}"))\$"
 }
+
+tsan() { sanitize_threads tsan server_jobs_test server_store_test server_access_test; }
+tsan-http() { sanitize_threads tsan-http server_http_test; }
 
 fuzz() {
   local targets
@@ -78,8 +88,8 @@ main() {
   local steps=("$@") step failed=0 start processor summary=
   ((${#steps[@]})) || steps=("${ALL_STEPS[@]}")
   for step in "${steps[@]}"; do
-    if [[ " ${ALL_STEPS[*]} " != *" $step "* ]]; then
-      say "there is no step '$step'; the steps are: ${ALL_STEPS[*]}"
+    if [[ " ${ALL_STEPS[*]} ${SLOW_STEPS[*]} " != *" $step "* ]]; then
+      say "there is no step '$step'; the steps are: ${ALL_STEPS[*]}, and when named ${SLOW_STEPS[*]}"
       exit 2
     fi
   done

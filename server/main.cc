@@ -12,6 +12,7 @@
 #include <exception>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -27,13 +28,16 @@
 #include "core/io/file.h"
 #include "core/sandbox/sandbox.h"
 #include "server/access/guard.h"
+#include "server/access/listen_address.h"
 #include "server/data_commands.h"
 #include "server/http/http_server.h"
+#include "server/jobs/health_probe.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/machine_memory.h"
 #include "server/jobs/sequences.h"
 #include "server/jobs/upkeep.h"
 #include "server/rpc/health_check.h"
+#include "server/rpc/job_json.h"
 #include "server/rpc/rpc_server.h"
 #include "server/store/data_directory.h"
 #include "server/store/folder_blob_store.h"
@@ -43,6 +47,7 @@
 #include "server/telemetry/log.h"
 #include "server/telemetry/service_manager.h"
 #include "server/token_command.h"
+#include "server/webhooks/webhooks.h"
 
 namespace depthtween::server {
 namespace {
@@ -54,6 +59,8 @@ const std::map<std::string, LogLevel> log_levels = {{"debug", LogLevel::kDebug},
                                                     {"error", LogLevel::kError}};
 constexpr int kExitOk = 0, kExitFailed = 1, kExitUsage = 2;
 
+constexpr absl::Duration kDay = absl::Hours(24);
+
 // Streams end by themselves at once. This is for clients that do not read, and for calls that wait for the disk.
 constexpr absl::Duration kStopPatience = absl::Seconds(2);
 // What a stop may take beyond the drain: both listeners' patience, children that end, a disk that is slow.
@@ -63,7 +70,9 @@ struct ServeOptions {
   int64_t task_memory_bytes = -1;  // below 0: as the machine has it
   std::string data_dir;
   int quarantine_days = 7;
-  int upload_days = 7;
+  double upload_days = 7, succeeded_days = 0, failed_days = 0, cancelled_days = 0, sequence_days = 0;
+  double queue_hours = 0, run_hours = 0;
+  int64_t collect_below_bytes = 0, collect_until_bytes = 0;
   int scrub_days = 30;
   std::string port_file;
   double drain_s = 10;
@@ -73,6 +82,7 @@ struct ServeOptions {
   HttpServerOptions http;
   GuardOptions guard;
   JobManagerOptions jobs;
+  WebhookOptions webhooks;
   Limits limits;
   LogOptions log;
 };
@@ -134,61 +144,104 @@ std::string BoundAddress(const std::string& listen, int port) {
   return absl::StrCat(listen.substr(0, listen.rfind(':')), ":", port);
 }
 
+// Descriptors that are not connections': of the database, the log, gRPC and libraries; and of a task at work.
+int ReservedFiles(const JobManagerOptions& jobs) {
+  constexpr int kOwnFiles = 96, kFilesOfTask = 16;
+  return kOwnFiles + kFilesOfTask * (jobs.workers + jobs.frame_renderers);
+}
+
 // Both listeners are protected in the same way.
-HttpServerOptions HttpOptions(const ServeOptions& options, const Guard& guard) {
+HttpServerOptions HttpOptions(const ServeOptions& options, const Guard& guard, int64_t file_limit) {
   HttpServerOptions http = options.http;
   http.tokens = guard.asks_for_tokens();
   http.insecure_listen_anywhere = options.rpc.insecure_listen_anywhere;
   http.tls = options.rpc.tls;
+  // Whoever reaches this address has all rights: no page of another name may use a browser to do so.
+  const std::string host = http.listen.substr(0, http.listen.rfind(':'));
+  if (!http.tokens && IsLoopback(host)) {
+    for (const std::string& name : {std::string("localhost"), std::string("127.0.0.1"), std::string("[::1]"), host}) {
+      http.allowed_hosts.push_back(name);
+    }
+  } else {
+    http.allowed_hosts.clear();
+  }
+  // The other half is for gRPC, which takes what is there but the reserve.
+  http.max_connections =
+      static_cast<int>(std::clamp<int64_t>((file_limit - ReservedFiles(options.jobs)) / 2, 1, http.max_connections));
   return http;
 }
 
+JobManagerOptions JobOptions(const ServeOptions& options, const Limits& limits) {
+  JobManagerOptions jobs = options.jobs;
+  jobs.check_webhook = [webhooks = options.webhooks](std::string_view url) { return CheckWebhook(webhooks, url); };
+  jobs.min_free_bytes = limits.reserved_disk_bytes;
+  jobs.child_memory_bytes = options.task_memory_bytes >= 0 ? options.task_memory_bytes
+                                                           : TaskMemoryBytes(UsableMemoryBytes(), options.jobs.workers);
+  jobs.time_limits = {.queue = absl::Hours(1) * options.queue_hours, .run = absl::Hours(1) * options.run_hours};
+  jobs.retention = {.keep_succeeded = kDay * options.succeeded_days,
+                    .keep_failed = kDay * options.failed_days,
+                    .keep_cancelled = kDay * options.cancelled_days,
+                    .keep_sequences = kDay * options.sequence_days,
+                    .keep_uploads = limits.keep_uploads,
+                    .collect_below_bytes = options.collect_below_bytes,
+                    .collect_until_bytes = std::max(options.collect_below_bytes, options.collect_until_bytes)};
+  return jobs;
+}
+
 // Connections, streams and children all need descriptors; the usual soft limit of 1,024 is there for select(), which
-// nothing here uses.
-void RaiseFileLimit() {
+// nothing here uses. Returns the limit.
+int64_t RaiseFileLimit() {
   rlimit limit{};
-  if (getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur == limit.rlim_max) return;
-  limit.rlim_cur = limit.rlim_max;
-  setrlimit(RLIMIT_NOFILE, &limit);
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return std::numeric_limits<int>::max();
+  const rlimit raised{limit.rlim_max, limit.rlim_max};
+  const rlim_t in_force = setrlimit(RLIMIT_NOFILE, &raised) == 0 ? limit.rlim_max : limit.rlim_cur;
+  return static_cast<int64_t>(std::min<rlim_t>(in_force, std::numeric_limits<int>::max()));  // it may be infinite
 }
 
 absl::Status Serve(const ServeOptions& options) {
   const StopSignals stop_signals;
-  RaiseFileLimit();
+  const int64_t file_limit = RaiseFileLimit();
   umask(0077);  // recordings are nobody else's to read
   ConfigureLog(options.log);
   absl::StatusOr<std::unique_ptr<Guard>> opened = Guard::Open(options.guard);
   if (!opened.ok()) return WithContext(opened.status(), "--tokens");
   const std::unique_ptr<Guard> guard = *std::move(opened);
   RETURN_IF_ERROR(options.rpc.Validate(guard->asks_for_tokens()));
-  const HttpServerOptions http_options = HttpOptions(options, *guard);
+  RpcServerOptions rpc_options = options.rpc;
+  rpc_options.reserved_files = ReservedFiles(options.jobs);
+  const HttpServerOptions http_options = HttpOptions(options, *guard, file_limit);
   if (options.with_http) RETURN_IF_ERROR(WithContext(http_options.Validate(), "--http-listen"));
+
+  Limits limits = options.limits;
+  limits.keep_uploads = kDay * options.upload_days;
+  RETURN_IF_ERROR(limits.Validate());
 
   // Each borrows those above it and is destroyed before them.
   ASSIGN_OR_RETURN(
       const std::unique_ptr<DataDirectory> directory,
       DataDirectory::Open(options.data_dir, {.keep_quarantine = absl::Hours(24) * options.quarantine_days}));
-  ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenSqliteStore(directory->DatabaseFile(), options.limits));
+  ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenSqliteStore(directory->DatabaseFile(), limits));
   const std::unique_ptr<BlobStore> blobs = MakeFolderBlobStore(*directory);
-  JobManagerOptions job_options = options.jobs;
-  job_options.min_free_bytes = options.limits.reserved_disk_bytes;
-  job_options.child_memory_bytes = options.task_memory_bytes >= 0
-                                       ? options.task_memory_bytes
-                                       : TaskMemoryBytes(UsableMemoryBytes(), options.jobs.workers);
+  const JobManagerOptions job_options = JobOptions(options, limits);
   absl::StatusOr<std::unique_ptr<JobManager>> started = JobManager::Start(*directory, *store, job_options);
   if (absl::IsNotFound(started.status()) || absl::IsPermissionDenied(started.status())) {
     return WithContext(started.status(), "--core-binary");
   }
   ASSIGN_OR_RETURN(const std::unique_ptr<JobManager> jobs, std::move(started));
+  const auto describe = [&jobs](std::string_view id) -> absl::StatusOr<std::string> {
+    ASSIGN_OR_RETURN(const JobView job, jobs->Get(Tenant::Everyone(), id));
+    return JobJson(job);
+  };
+  absl::StatusOr<std::unique_ptr<Webhooks>> webhooks = Webhooks::Start(*store, describe, options.webhooks);
+  if (!webhooks.ok()) return WithContext(webhooks.status(), "--webhook-key");
   Sequences sequences(
-      *store, *blobs, options.limits, [&jobs] { jobs->Wake(); },
-      [&jobs](std::string_view id) { jobs->StopValidation(id); });
-  const Upkeep upkeep(
-      *store, sequences, jobs->damage(), directory->path(),
-      {.keep_uploads = absl::Hours(24) * options.upload_days, .scrub_round = absl::Hours(24) * options.scrub_days});
+      *store, *blobs, [&jobs] { jobs->Wake(); }, [&jobs](std::string_view id) { jobs->StopValidation(id); });
+  Collector collector(*store, *jobs, sequences, *directory, job_options.retention);
+  Upkeep upkeep(*store, collector, jobs->damage(), directory->path(), {.scrub_round = kDay * options.scrub_days});
   Health health;
+  const HealthProbe probe(*store, *directory, jobs->damage(), health);
   ASSIGN_OR_RETURN(const std::unique_ptr<RpcServer> server,
-                   RpcServer::Start(options.rpc, options.limits, *directory, *guard, sequences, *jobs, health));
+                   RpcServer::Start(rpc_options, *directory, *guard, sequences, *jobs, upkeep, health));
 
   std::unique_ptr<HttpServer> http;
   if (options.with_http) {
@@ -246,6 +299,36 @@ absl::Status Serve(const ServeOptions& options) {
   return absl::OkStatus();  // the destructors end the children and close the store
 }
 
+// What the server deletes by itself.
+void AddRetentionOptions(CLI::App& command, ServeOptions& options) {
+  const std::string group = "Retention; what is pinned stays, see 'depthtween pin'";
+  const auto days = [&](const char* flag, double& value, const char* help) {
+    command.add_option(flag, value, help)->check(AtLeast(0))->type_name("DAYS")->capture_default_str()->group(group);
+  };
+  days("--keep-succeeded-days", options.succeeded_days,
+       "Delete a job that SUCCEEDED so long ago, with its outputs; 0: keep it");
+  days("--keep-failed-days", options.failed_days, "The same for a job that FAILED");
+  days("--keep-cancelled-days", options.cancelled_days, "The same for a job that was CANCELLED");
+  days("--keep-sequence-days", options.sequence_days,
+       "Delete a recording that no job has used for so long; 0: keep it");
+  days("--upload-days", options.upload_days,
+       "Delete a recording that is not committed when no byte of it has come for so long; 0: keep it");
+  const auto size = CLI::AsSizeValue(/*kb_is_1000=*/true);
+  const auto watermark = [&](const char* flag, int64_t& value, const char* help) {
+    command.add_option(flag, value, help)
+        ->transform(size)
+        ->transform(AtLeast(0))
+        ->type_name("SIZE")
+        ->capture_default_str()
+        ->group(group);
+  };
+  watermark("--collect-below", options.collect_below_bytes,
+            "When less is free on the disk, delete the oldest of the jobs that have ended and the recordings that are "
+            "not used, unless it was within the last hour; 0: never");
+  watermark("--collect-until", options.collect_until_bytes,
+            "Stop deleting when so much is free; by default as --collect-below");
+}
+
 void AddServeCommand(CLI::App& app, ServeOptions& options) {
   CLI::App* command = app.add_subcommand("serve", "Serve until SIGTERM or SIGINT.");
   command->add_option("--data-dir", options.data_dir, "Folder for recordings, jobs and results; made if missing")
@@ -269,18 +352,15 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->type_name("N")
       ->capture_default_str();
   command
-      ->add_option("--upload-days", options.upload_days,
-                   "Remove a recording that is not committed when no byte of it has come for so long; 0: never")
+      ->add_option("--scrub-days", options.scrub_days,
+                   "Read every stored file once in this time, slowly, and log what is damaged; 0: begin no round")
       ->check(AtLeast(0))
       ->type_name("DAYS")
       ->capture_default_str();
   command
-      ->add_option("--scrub-days", options.scrub_days,
-                   "Read every stored file once in this time, slowly, and log what is damaged; 0: do not")
-      ->check(AtLeast(0))
-      ->type_name("DAYS")
-      ->capture_default_str();
-  command->add_option("--listen", options.rpc.listen, "HOST:PORT (port 0: any free one) or unix:PATH")
+      ->add_option("--listen", options.rpc.listen,
+                   "HOST:PORT (port 0: any free one) or unix:PATH. By default a socket in XDG_RUNTIME_DIR, "
+                   "which no other user of the machine can reach; where there is none, 127.0.0.1:50051")
       ->capture_default_str();
   command->add_option("--port-file", options.port_file, "Write the bound port to this file once ready");
   command->add_flag(
@@ -296,6 +376,12 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
                    "Let scripts of web pages of this origin use the HTTP listener, such as https://example.org; may be "
                    "given again")
       ->type_name("ORIGIN");
+  command
+      ->add_option(
+          "--allow-host", options.http.allowed_hosts,
+          "Answer requests under this name too, where the HTTP listener is on loopback and asks for no tokens: "
+          "there it answers as localhost, 127.0.0.1 and [::1]; may be given again")
+      ->type_name("NAME");
   command->add_option("--workers", options.jobs.workers, "Tasks that run at the same time")
       ->check(AtLeast(1))
       ->type_name("N")
@@ -314,6 +400,8 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->capture_default_str();
   command->add_option("--core-binary", options.jobs.core_program, "The depthtween-core that runs the tasks")
       ->capture_default_str();
+
+  AddRetentionOptions(*command, options);
 
   const std::string limits = "Limits";
   const auto size = CLI::AsSizeValue(/*kb_is_1000=*/true);  // 20GB, 256MiB
@@ -344,6 +432,16 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
   of_tenant("--max-tenant-tasks", options.limits.max_tenant_tasks,
             "Most tasks of one tenant at work at the same time; 0: as many as there are workers")
       ->check(AtLeast(0));
+  of_tenant("--max-tenant-uploads", options.limits.max_tenant_uploads,
+            "Most uploads of one tenant that are begun and not finished; 0: no limit of its own")
+      ->check(AtLeast(0));
+  const auto hours = [&](const char* flag, double& value, const char* help) {
+    command->add_option(flag, value, help)->check(AtLeast(0))->type_name("HOURS")->capture_default_str()->group(limits);
+  };
+  hours("--max-queue-hours", options.queue_hours,
+        "Fail a job that has waited so long for its first task; 0: no limit. A job may ask for a shorter one");
+  hours("--max-run-hours", options.run_hours,
+        "Fail a job that has run so long, by the clock on the wall; 0: no limit. A job may ask for a shorter one");
   command->add_option("--max-queued-jobs", options.limits.max_queued_jobs, "Most jobs in the queue")
       ->check(AtLeast(1))
       ->type_name("N")
@@ -429,6 +527,20 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->type_name("FILE")
       ->group(security);
 
+  command
+      ->add_option(
+          "--webhook-key", options.webhooks.key_file,
+          "Let jobs have webhooks, and sign them with the keys of this file: \"whsec_\" and base64 of 24 to 64 "
+          "bytes on each line")
+      ->type_name("FILE")
+      ->group(security);
+  command
+      ->add_flag(
+          "--webhook-allow-private", options.webhooks.allow_private,
+          "Let webhooks go to addresses that are not public, such as those of this machine and its network, and to "
+          "http://: then whoever may create jobs can make the server call its neighbours")
+      ->group(security);
+
   const std::string log = "Log";
   command->add_flag("--log-json", options.log.json, "Log JSON, one object a line")->group(log);
   command->add_option("--log-level", options.log.level, "debug, info, warning or error")
@@ -438,19 +550,24 @@ void AddServeCommand(CLI::App& app, ServeOptions& options) {
       ->group(log);
 }
 
-struct HealthCheckOptions {
-  std::string server = "127.0.0.1:50051";
-  std::string tls_ca;
-  double timeout_s = 3.0;
-};
-
 void AddHealthCheckCommand(CLI::App& app, HealthCheckOptions& options) {
   CLI::App* command = app.add_subcommand("healthcheck", "Exit with 0 if a server is up and serving, else with 1.");
   command->add_option("--server", options.server, "HOST:PORT or unix:PATH")->capture_default_str();
+  const auto file = [&](const char* flag, std::string& value, const char* help) {
+    command->add_option(flag, value, help)->type_name("FILE");
+  };
+  file("--tls-ca", options.tls_ca, "The server speaks TLS; its certificate is signed by one of these (PEM)");
+  file("--tls-cert", options.tls_cert, "Your own certificate, where the server asks for one (PEM)");
+  file("--tls-key", options.tls_key, "Its private key (PEM)");
   command
-      ->add_option("--tls-ca", options.tls_ca, "The server speaks TLS; its certificate is signed by one of these (PEM)")
-      ->type_name("FILE");
-  command->add_option("--timeout", options.timeout_s, "Seconds")->check(CLI::Range(0.001, 1e6))->capture_default_str();
+      ->add_option("--tls-name", options.tls_name,
+                   "The name in the server's certificate, where it is not the HOST of --server")
+      ->type_name("NAME");
+  command
+      ->add_option_function<double>(
+          "--timeout", [&options](double seconds) { options.timeout = absl::Seconds(seconds); }, "Seconds")
+      ->check(CLI::Range(0.001, 1e6))
+      ->default_str(absl::StrCat(absl::ToDoubleSeconds(options.timeout)));
 }
 
 int Main(int argc, char** argv) {
@@ -490,7 +607,7 @@ int Main(int argc, char** argv) {
     } else if (std::optional<absl::Status> done = data_commands.Run()) {
       status = *std::move(done);
     } else {
-      status = CheckHealth(health_check.server, health_check.tls_ca, absl::Seconds(health_check.timeout_s));
+      status = CheckHealth(health_check);
     }
   } catch (const std::exception& error) {
     status = absl::InternalError(absl::StrCat("unexpected failure, please report it: ", error.what()));

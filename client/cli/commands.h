@@ -19,6 +19,8 @@ void AddListCommand(CLI::App& app, int* exit_code);
 void AddStatusCommand(CLI::App& app, int* exit_code);
 void AddCancelCommand(CLI::App& app, int* exit_code);
 void AddDeleteCommand(CLI::App& app, int* exit_code);
+void AddPinCommands(CLI::App& app, int* exit_code);
+void AddAdminCommand(CLI::App& app, int* exit_code);
 
 }  // namespace depthtween::cli
 

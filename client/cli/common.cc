@@ -39,7 +39,9 @@ absl::StatusOr<client::ServerProfile> ProfileOf(const CommonOptions& options) {
 void AddCommonOptions(CLI::App& command, CommonOptions& options) {
   command
       .add_option("--server", options.server,
-                  "Address of the server, host:port, or a name of the file of servers (see 'depthtween --help')")
+                  "Address of the server, host:port, or a name of the file of servers (see 'depthtween --help'). By "
+                  "default the "
+                  "socket of your own server in XDG_RUNTIME_DIR, if there is one")
       ->envname("DEPTHTWEEN_SERVER")
       ->type_name("ADDRESS")
       ->check(client::AddressProblem)
@@ -94,6 +96,29 @@ absl::StatusOr<std::string> JobName(const std::string& argument) {
         "'%s' is not the name of a job: it must be jobs/ID ('depthtween list' shows the jobs)", argument));
   }
   return absl::StrCat("jobs/", id);
+}
+
+int ForEachResource(const CommonOptions& options, const std::vector<std::string>& names, const std::string& done,
+                    const std::function<absl::Status(client::Connection& connection, const std::string& name)>& act) {
+  for (const std::string& name : names) {
+    if (absl::StartsWith(name, "jobs/") || absl::StartsWith(name, "sequences/")) continue;
+    std::cerr << "depthtween: '" << name << "' is neither jobs/ID nor sequences/ID; nothing was " << done << std::endl;
+    return kExitUsage;
+  }
+  const auto connection = Connect(options);
+  if (!connection.ok()) return Report(connection.status());
+  nlohmann::json json = nlohmann::json::array();
+  int exit_code = kExitOk;
+  for (const std::string& name : names) {
+    if (const absl::Status status = act(**connection, name); !status.ok()) {
+      exit_code = Report(status);
+      break;
+    }
+    json.push_back(name);
+    if (!options.json) std::cout << name << std::endl;
+  }
+  if (options.json) PrintJson({{done, json}});
+  return exit_code;
 }
 
 int Report(const absl::Status& status) {

@@ -5,19 +5,22 @@
 #include <google/protobuf/message.h>
 
 #include <CLI/CLI.hpp>
+#include <functional>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "client/lib/connection.h"
 #include "client/lib/server_profile.h"
+#include "proto/depthtween/local_address.h"
 
 namespace depthtween::cli {
 
 struct CommonOptions {
-  std::string server = "127.0.0.1:50051";  // or a name of the file of servers
-  client::ServerProfile profile;           // what flags and environment say beside the address
+  std::string server = LocalServerAddress();  // or a name of the file of servers
+  client::ServerProfile profile;              // what flags and environment say beside the address
   double patience_s = 60.0;
   bool json = false;
 };
@@ -29,6 +32,12 @@ absl::StatusOr<std::unique_ptr<client::Connection>> Connect(const CommonOptions&
 
 // "jobs/7" of "jobs/7" or "7". InvalidArgument if it names something else.
 absl::StatusOr<std::string> JobName(const std::string& argument);
+
+// Does `act` to each of these jobs and recordings, until one fails, and prints the names that it was done to; `done` is
+// what that is called, as "deleted". Nothing is done when a name is neither jobs/ID nor sequences/ID. Returns the exit
+// code.
+int ForEachResource(const CommonOptions& options, const std::vector<std::string>& names, const std::string& done,
+                    const std::function<absl::Status(client::Connection& connection, const std::string& name)>& act);
 
 // Prints a failure to stderr, for a person to read. Returns the exit code that `status` means.
 int Report(const absl::Status& status);

@@ -108,6 +108,11 @@ std::string DescribeMeasured(const v1::Job& job) {
   std::string text;
   if (job.has_self_check()) absl::StrAppend(&text, DescribeSelfCheck(job.self_check()));
   if (job.has_clock_estimate()) absl::StrAppend(&text, DescribeClock(job.clock_estimate()));
+  for (const std::string& warning : job.warnings()) {
+    // Why there is no clock was said already.
+    const bool of_clock = job.has_clock_estimate() && absl::StartsWith(warning, job.clock_estimate().summary());
+    if (!of_clock) absl::StrAppend(&text, "warning: ", Printable(warning), "\n");
+  }
   return text;
 }
 

@@ -45,8 +45,7 @@ template <typename Request, typename Response, typename Stub, typename Item>
 int List(client::Connection& connection, Stub& stub,
          grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
          const google::protobuf::RepeatedPtrField<Item>& (Response::*items)() const, const char* json_name,
-         const ListOptions& options) {
-  Request request;
+         Request request, const ListOptions& options) {
   if (!options.state.empty()) request.set_filter("state = " + options.state);
   nlohmann::json found = nlohmann::json::array();
   int count = 0;
@@ -73,10 +72,12 @@ int List(const ListOptions& options) {
   if (!connection.ok()) return Report(connection.status());
   if (options.sequences) {
     return List(**connection, (*connection)->sequences(), &v1::SequenceService::StubInterface::ListSequences,
-                &v1::ListSequencesResponse::sequences, "sequences", options);
+                &v1::ListSequencesResponse::sequences, "sequences", v1::ListSequencesRequest(), options);
   }
+  v1::ListJobsRequest request;
+  if (options.common.json) request.set_view(v1::JOB_VIEW_FULL);  // a row needs less
   return List(**connection, (*connection)->jobs(), &v1::JobService::StubInterface::ListJobs,
-              &v1::ListJobsResponse::jobs, "jobs", options);
+              &v1::ListJobsResponse::jobs, "jobs", request, options);
 }
 
 }  // namespace

@@ -46,6 +46,8 @@ int Main(int argc, const char* const* argv) {
   AddStatusCommand(app, &exit_code);
   AddCancelCommand(app, &exit_code);
   AddDeleteCommand(app, &exit_code);
+  AddPinCommands(app, &exit_code);
+  AddAdminCommand(app, &exit_code);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

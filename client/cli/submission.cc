@@ -19,6 +19,24 @@
 namespace depthtween::cli {
 namespace {
 
+void SetDuration(absl::Duration duration, google::protobuf::Duration* message) {
+  message->set_seconds(absl::IDivDuration(duration, absl::Seconds(1), &duration));
+  message->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(duration)));
+}
+
+void AddTimeLimit(CLI::App& command, const std::string& flag, absl::Duration& limit, const std::string& help) {
+  command
+      .add_option_function<std::string>(
+          flag,
+          [flag, &limit](const std::string& text) {
+            if (!absl::ParseDuration(text, &limit) || limit < absl::Seconds(1)) {
+              throw CLI::ValidationError(flag, "'" + text + "', must be a time of at least 1s, such as 90s, 10m or 2h");
+            }
+          },
+          help)
+      ->type_name("TIME");
+}
+
 double Share(int64_t done, int64_t total) {
   return total > 0 ? static_cast<double>(done) / static_cast<double>(total) : 1.0;
 }
@@ -133,6 +151,10 @@ int Submit(const SubmissionOptions& options, v1::Job order, SubmitResult& result
   order.set_sequence(sequence->name());
   order.set_threads(options.threads);
   order.set_priority(options.priority);
+  order.set_pinned(options.pin);
+  SetDuration(options.queue_limit, order.mutable_queue_time_limit());
+  SetDuration(options.run_limit, order.mutable_run_time_limit());
+  if (!options.webhook.empty()) order.mutable_webhook()->set_url(options.webhook);
   absl::StatusOr<v1::Job> job = client::SubmitJob(**connection, order);
   if (!job.ok()) return Report(job.status());
   result.job = *job;
@@ -154,7 +176,9 @@ int Submit(const SubmissionOptions& options, v1::Job order, SubmitResult& result
 }  // namespace
 
 void AddSubmissionOptions(CLI::App& command, SubmissionOptions& options) {
-  command.add_option("sequence", options.sequence, "Sequence folder: rgb.txt, depth.txt, camera.json and frames")
+  command
+      .add_option("sequence", options.sequence,
+                  "Sequence folder: rgb.txt, depth.txt, camera.json and frames; or a zip archive of it")
       ->required()
       ->type_name("SEQ");
   command.add_option("-o,--out", options.output, "Fetch the result into this folder; implies --wait")->type_name("OUT");
@@ -167,6 +191,14 @@ void AddSubmissionOptions(CLI::App& command, SubmissionOptions& options) {
       ->type_name("N")
       ->check(CLI::Range(0, kMaxThreads))
       ->capture_default_str();
+  AddTimeLimit(command, "--queue-limit", options.queue_limit,
+               "Let the job fail when it has waited so long for its turn, such as 10m or 2h");
+  AddTimeLimit(command, "--run-limit", options.run_limit,
+               "Let the job fail when it has run so long, by the clock on the wall");
+  command.add_flag("--pin", options.pin, "Keep the job from being deleted by the server, see 'depthtween pin'");
+  command
+      .add_option("--webhook", options.webhook, "POST the job to this address when it has ended, signed by the server")
+      ->type_name("URL");
   AddCommonOptions(command, options.common);
 }
 

@@ -5,6 +5,8 @@
 #include <CLI/CLI.hpp>
 #include <string>
 
+#include "absl/time/time.h"
+
 #include "client/cli/common.h"
 #include "depthtween/v1/job.pb.h"
 
@@ -18,6 +20,9 @@ struct SubmissionOptions {
   bool wait = false;
   int threads = 0;
   int priority = 0;
+  absl::Duration queue_limit, run_limit;  // zero: those of the server
+  bool pin = false;
+  std::string webhook;  // empty: nobody is told
 };
 
 // Adds them to a subcommand. `options` must outlive the parsing.

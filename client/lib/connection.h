@@ -54,6 +54,7 @@ class Connection {
   v1::SequenceService::StubInterface& sequences() { return *sequences_; }
   v1::JobService::StubInterface& jobs() { return *jobs_; }
   v1::OutputService::StubInterface& outputs() { return *outputs_; }
+  v1::AdminService::StubInterface& admin() { return *admin_; }
 
   // One call, retried while the server is unreachable:
   //   connection.Call(connection.jobs(), &v1::JobService::StubInterface::GetJob, request)

@@ -25,6 +25,7 @@ void Apply(const v1::JobEvent& event, v1::Job& job) {
       if (event.state_change().has_clock_estimate()) {
         *job.mutable_clock_estimate() = event.state_change().clock_estimate();
       }
+      *job.mutable_warnings() = event.state_change().warnings();
       break;
     case v1::JobEvent::kProgress:
       *job.mutable_progress() = event.progress();

@@ -14,9 +14,11 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
 #include "proto/depthtween/sha256.h"
 
 namespace depthtween::client {
@@ -33,8 +35,10 @@ absl::StatusOr<std::vector<std::string>> ReadList(const fs::path& list) {
   if (!in) return ErrnoStatus(errno, "reading " + list.string());
   std::vector<std::string> names;
   std::string line;
-  while (std::getline(in, line)) {
-    const absl::string_view text = absl::StripAsciiWhitespace(line);
+  for (bool first = true; std::getline(in, line); first = false) {
+    absl::string_view text = line;
+    if (first) absl::ConsumePrefix(&text, "\xEF\xBB\xBF");  // a byte-order mark
+    text = absl::StripAsciiWhitespace(text);
     if (text.empty() || text.front() == '#') continue;
     const size_t blank = text.find_first_of(" \t");
     if (blank != absl::string_view::npos) names.emplace_back(absl::StripLeadingAsciiWhitespace(text.substr(blank)));
@@ -59,8 +63,8 @@ absl::Status MissingFiles(const std::string& directory, const std::vector<std::s
   if (missing.size() > kNamedInMessage) absl::StrAppend(&named, " and ", missing.size() - kNamedInMessage, " more");
   return absl::NotFoundError(absl::StrFormat(
       "%s lacks %d file%s: %s. A sequence folder holds rgb.txt, depth.txt, camera.json and every frame the "
-      "lists name",
-      directory, missing.size(), missing.size() == 1 ? "" : "s", named));
+      "lists name; `depthtween-core upsample %s -o OUT` says how to make them from other layouts",
+      directory, missing.size(), missing.size() == 1 ? "" : "s", named, directory));
 }
 
 }  // namespace
@@ -70,7 +74,18 @@ absl::StatusOr<LocalSequence> FindSequence(const std::string& directory) {
   const fs::path root = fs::canonical(directory, error);
   if (error) return ErrnoStatus(error.value(), "opening the sequence folder " + directory);
   if (!fs::is_directory(root)) {
-    return absl::InvalidArgumentError(directory + " is a file; name the folder that holds rgb.txt and depth.txt");
+    const std::string name = root.filename().string();
+    if (!absl::EndsWithIgnoreCase(name, ".zip") || !fs::is_regular_file(root)) {
+      return absl::InvalidArgumentError(directory +
+                                        " is a file; name the folder that holds rgb.txt and depth.txt, or a "
+                                        "zip archive of it");
+    }
+    const auto size_bytes = static_cast<int64_t>(fs::file_size(root, error));
+    if (error) return ErrnoStatus(error.value(), "looking at " + directory);
+    return LocalSequence{.directory = root.parent_path().string(),
+                         .display_name = DisplayName(name),
+                         .files = {{.path = name, .size_bytes = size_bytes}},
+                         .size_bytes = size_bytes};
   }
   LocalSequence sequence{.directory = root.string(), .display_name = DisplayName(root.filename().string())};
   std::vector<std::string> missing;

@@ -1,8 +1,8 @@
 // A recording on this machine: which of its files are sent, and the hash that identifies it.
 //
 // A sequence folder holds rgb.txt and depth.txt ("timestamp filename" a line, # comments), camera.json and the frames
-// that the lists name. Only those are sent: no ground truth beside them, nothing outside the folder. The server checks
-// what the files contain.
+// that the lists name. Only those are sent: no ground truth beside them, nothing outside the folder. Or it is a zip
+// archive of such a folder, which is sent as it is. The server checks what the files contain.
 #ifndef DEPTHTWEEN_CLIENT_LIB_LOCAL_SEQUENCE_H_
 #define DEPTHTWEEN_CLIENT_LIB_LOCAL_SEQUENCE_H_
 
@@ -23,8 +23,8 @@ struct LocalFile {
 };
 
 struct LocalSequence {
-  std::string directory;
-  std::string display_name;  // the folder's own name, where a server takes it
+  std::string directory;     // that the files' paths are relative to
+  std::string display_name;  // the folder's or the archive's own name, where a server takes it
   std::vector<LocalFile>
       files;  // camera.json, rgb.txt, depth.txt, then the frames in the order of the lists, each once
   int64_t size_bytes = 0;

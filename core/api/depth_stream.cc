@@ -18,6 +18,7 @@
 #include "core/options/field_error.h"
 #include "core/sequence/clock.h"
 #include "core/sequence/interval.h"
+#include "core/sequence/retold_source.h"
 
 namespace depthtween {
 namespace {
@@ -114,19 +115,11 @@ class Window : public FrameSource {
 };
 
 // The same with the first depth frames alone.
-class FirstDepthFrames : public FrameSource {
- public:
-  FirstDepthFrames(const FrameSource& source, int count) : source_(source), frames_(source.sequence()) {
-    frames_.depth.resize(std::min(frames_.depth.size(), static_cast<size_t>(count)));
-  }
-  const Sequence& sequence() const override { return frames_; }
-  absl::StatusOr<Image<Rgb8>> Color(int index) const override { return source_.Color(index); }
-  absl::StatusOr<Image<float>> Depth(int index) const override { return source_.Depth(index); }
-
- private:
-  const FrameSource& source_;
-  Sequence frames_;
-};
+RetoldSource FirstDepthFrames(const FrameSource& source, int count) {
+  Sequence sequence = source.sequence();
+  sequence.depth.resize(std::min(sequence.depth.size(), static_cast<size_t>(count)));
+  return {source, std::move(sequence)};
+}
 
 // The options of the program that a stream has, as the program knows them.
 UpsampleOptions ProgramOptions(const DepthStream::Options& options) {

@@ -26,6 +26,9 @@ absl::Status ErrnoStatus(int error_number, std::string_view what) {
     case EDQUOT:
     case EFBIG:
       return absl::ResourceExhaustedError(message);
+    case EMFILE:
+    case ENFILE:
+      return absl::UnavailableError(message);
     case EACCES:
     case EPERM:
       return absl::PermissionDeniedError(message);

@@ -3,7 +3,8 @@
 //
 // Codes, as used throughout:  InvalidArgument names field, value and rule.  NotFound: no such file or resource.
 // FailedPrecondition: the wrong state.  ResourceExhausted: a limit or a full disk.  DataLoss: damaged bytes.
-// Cancelled: a stop token fired.  Internal: a bug of ours or a failed system call.
+// Unavailable: the system has no file descriptor left.  Cancelled: a stop token fired.  Internal: a bug of
+// ours or a failed system call.
 #ifndef DEPTHTWEEN_CORE_BASE_STATUS_H_
 #define DEPTHTWEEN_CORE_BASE_STATUS_H_
 
@@ -35,7 +36,8 @@ namespace depthtween {
 absl::Status WithContext(const absl::Status& status, std::string_view context);
 
 // The status of a failed system call: NotFound for ENOENT, ResourceExhausted for ENOSPC, EDQUOT and EFBIG,
-// PermissionDenied for EACCES and EPERM, Internal otherwise. `what` says what was being done to which file.
+// Unavailable for EMFILE and ENFILE, PermissionDenied for EACCES and EPERM, Internal otherwise. `what` says what was
+// being done to which file.
 absl::Status ErrnoStatus(int error_number, std::string_view what);
 
 }  // namespace depthtween

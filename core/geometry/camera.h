@@ -6,6 +6,8 @@
 #define DEPTHTWEEN_CORE_GEOMETRY_CAMERA_H_
 
 #include <Eigen/Core>
+#include <string>
+#include <vector>
 
 #include "core/base/status.h"
 
@@ -23,6 +25,10 @@ struct Camera {
 
   // InvalidArgument with the field, its value and the rule.
   absl::Status Validate() const;
+
+  // What is valid but hardly true, in sentences for people with the likely cause: a principal point outside the image
+  // or far from its centre, a field of view that cameras do not have. Empty for an invalid camera.
+  std::vector<std::string> Doubts() const;
 
   // The pixel where a point (z > 0) is seen; it may lie outside the image.
   Vec2 Project(const Vec3& point) const;

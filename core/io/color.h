@@ -11,8 +11,8 @@
 
 namespace depthtween {
 
-// PNG or JPEG, told apart by their first bytes and not by the file's name. InvalidArgument when it is neither; else as
-// DecodePngRgb8 and DecodeJpeg.
+// PNG or JPEG, told apart by their first bytes and not by the file's name. InvalidArgument when it is neither, saying
+// what it is, and when EXIF says that its pixels are to be turned; else as DecodePngRgb8 and DecodeJpeg.
 absl::StatusOr<Image<Rgb8>> DecodeColor(std::string_view bytes, const ImageLimits& limits = {});
 absl::StatusOr<Image<Rgb8>> ReadColor(const std::string& path, const ImageLimits& limits = {});
 

@@ -6,29 +6,12 @@
 
 #include <atomic>
 #include <cerrno>
-#include <utility>
 
 #include "absl/strings/str_format.h"
+#include "core/base/descriptor.h"
 
 namespace depthtween {
 namespace {
-
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  int get() const { return fd_; }
-  bool valid() const { return fd_ >= 0; }
-  // Some file systems report a failed write only here.
-  bool Close() { return ::close(std::exchange(fd_, -1)) == 0; }
-
- private:
-  int fd_;
-};
 
 std::string FolderOf(const std::string& path) {
   const size_t slash = path.find_last_of('/');

@@ -8,7 +8,6 @@
 
 #include "absl/strings/str_format.h"
 #include "core/io/file.h"
-#include "core/io/frame_list.h"
 
 namespace depthtween {
 namespace {
@@ -58,7 +57,7 @@ CameraFile ReadCameraPart(const std::string& dir, ViolationList& violations) {
   return {};
 }
 
-std::vector<FrameRef> ReadListPart(const std::string& dir, const std::string& list_name, ViolationList& violations) {
+FrameList ReadListPart(const std::string& dir, const std::string& list_name, ViolationList& violations) {
   const absl::StatusOr<std::string> text = ReadPart(dir, list_name, kMaxListBytes);
   if (!text.ok()) {
     violations.Add(list_name, text.status());
@@ -71,7 +70,7 @@ std::vector<FrameRef> ReadListPart(const std::string& dir, const std::string& li
     if (absl::Status status = CheckListedFile(real_dir, frame.path, list_name); !status.ok())
       violations.Add(frame.path, status);
   }
-  return std::move(list.frames);
+  return list;
 }
 
 }  // namespace depthtween

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/io/frame_list.h"
 #include "core/io/violation_list.h"
 #include "core/sequence/camera_json.h"
 #include "core/sequence/sequence.h"
@@ -17,9 +18,9 @@ absl::Status CheckFolder(const std::string& dir);
 // dir/camera.json; a default CameraFile when it cannot be read.
 CameraFile ReadCameraPart(const std::string& dir, ViolationList& violations);
 
-// The frames of dir/<list_name> in their order, also those whose file is not there. Every listed file must be a regular
+// dir/<list_name>: its frames in their order, also those whose file is not there. Every listed file must be a regular
 // file inside dir, symbolic links followed.
-std::vector<FrameRef> ReadListPart(const std::string& dir, const std::string& list_name, ViolationList& violations);
+FrameList ReadListPart(const std::string& dir, const std::string& list_name, ViolationList& violations);
 
 }  // namespace depthtween
 

@@ -3,32 +3,13 @@
 #include <unordered_map>
 
 #include "absl/strings/str_format.h"
+#include "core/base/byte_order_mark.h"
+#include "core/base/utf8.h"
 
 namespace depthtween {
 namespace {
 
 constexpr size_t kMaxNameBytes = 1024;
-
-// Well-formed UTF-8 as Unicode's table 3-7 has it: no overlong forms, no surrogates, nothing past U+10FFFF.
-bool IsUtf8(std::string_view text) {
-  const auto* p = reinterpret_cast<const unsigned char*>(text.data());
-  const auto* const end = p + text.size();
-  while (p < end) {
-    const unsigned lead = *p++;
-    if (lead < 0x80) continue;
-    if (lead < 0xC2 || lead > 0xF4) return false;
-    const int tail_bytes = lead < 0xE0 ? 1 : lead < 0xF0 ? 2 : 3;
-    if (end - p < tail_bytes) return false;
-    const unsigned first_low = lead == 0xE0 ? 0xA0 : lead == 0xF0 ? 0x90 : 0x80;
-    const unsigned first_high = lead == 0xED ? 0x9F : lead == 0xF4 ? 0x8F : 0xBF;
-    if (*p < first_low || *p > first_high) return false;
-    for (int i = 1; i < tail_bytes; ++i) {
-      if (p[i] < 0x80 || p[i] > 0xBF) return false;
-    }
-    p += tail_bytes;
-  }
-  return true;
-}
 
 std::string_view Trim(std::string_view text) {
   constexpr std::string_view kBlanks = " \t\r";
@@ -37,16 +18,32 @@ std::string_view Trim(std::string_view text) {
   return text.substr(begin, text.find_last_not_of(kBlanks) - begin + 1);
 }
 
-absl::StatusOr<FrameRef> ParseLine(std::string_view line) {
+struct Line {
+  Stamp stamp = 0;
+  std::string path;
+};
+
+absl::StatusOr<Line> ParseLine(std::string_view line) {
   if (!IsUtf8(line)) return absl::InvalidArgumentError("is not UTF-8 text");
   const size_t gap = line.find_first_of(" \t");
   if (gap == std::string_view::npos)
     return absl::InvalidArgumentError("must be 'timestamp filename', the file name is missing");
-  FrameRef frame;
-  ASSIGN_OR_RETURN(frame.time_ns, ParseSeconds(line.substr(0, gap)));
-  frame.path = std::string(Trim(line.substr(gap)));
-  RETURN_IF_ERROR(CheckFrameName(frame.path));
-  return frame;
+  Line parsed;
+  ASSIGN_OR_RETURN(parsed.stamp, ParseStamp(line.substr(0, gap)));
+  parsed.path = std::string(Trim(line.substr(gap)));
+  RETURN_IF_ERROR(CheckFrameName(parsed.path));
+  return parsed;
+}
+
+// What `# unit: ms` says, or nothing for any other comment.
+absl::StatusOr<std::optional<TimeUnit>> ParseComment(std::string_view line) {
+  constexpr std::string_view kUnit = "unit:";
+  const std::string_view comment = Trim(line.substr(1));
+  if (!comment.starts_with(kUnit)) return std::nullopt;
+  const std::string_view name = Trim(comment.substr(kUnit.size()));
+  const std::optional<TimeUnit> unit = ParseTimeUnit(name);
+  if (!unit.has_value()) return absl::InvalidArgumentError("the unit of time stamps must be s, ms, us or ns");
+  return unit;
 }
 
 }  // namespace
@@ -78,6 +75,11 @@ absl::Status CheckFrameName(std::string_view name) {
 
 FrameList ParseFrameList(std::string_view text) {
   FrameList list;
+  if (LooksLikeUtf16(text)) {
+    list.problems.push_back(absl::InvalidArgumentError("is UTF-16 text, must be UTF-8: save it in that encoding"));
+    return list;
+  }
+  text = SkipByteOrderMark(text);
   std::unordered_map<std::string, int> line_of_path, line_of_stem;
   int line_number = 0, entries = 0;
   for (size_t begin = 0; begin < text.size();) {
@@ -85,33 +87,71 @@ FrameList ParseFrameList(std::string_view text) {
     const std::string_view line = Trim(text.substr(begin, end - begin));
     begin = end + 1;
     ++line_number;
-    if (line.empty() || line.front() == '#') continue;
+    if (line.empty()) continue;
+    if (line.front() == '#') {
+      const absl::StatusOr<std::optional<TimeUnit>> unit = ParseComment(line);
+      if (!unit.ok()) list.problems.push_back(WithContext(unit.status(), absl::StrFormat("line %d", line_number)));
+      if (!unit.ok() || !unit->has_value()) continue;
+      list.unit = **unit;
+      list.unit_is_said = true;
+      continue;
+    }
     if (++entries > kMaxListedFrames) {
       list.problems.push_back(absl::ResourceExhaustedError(absl::StrFormat(
           "line %d: at most %d frames are allowed: split the recording", line_number, kMaxListedFrames)));
       break;
     }
     const std::string where = absl::StrFormat("line %d", line_number);
-    absl::StatusOr<FrameRef> frame = ParseLine(line);
+    absl::StatusOr<Line> frame = ParseLine(line);
     if (!frame.ok()) {
       list.problems.push_back(WithContext(frame.status(), where));
     } else if (const auto [path, is_new] = line_of_path.try_emplace(frame->path, line_number); !is_new) {
       list.problems.push_back(absl::InvalidArgumentError(
           absl::StrFormat("%s: %s is listed on line %d already", where, frame->path, path->second)));
-    } else if (const auto [stem, is_new] = line_of_stem.try_emplace(frame->Stem(), line_number); !is_new) {
+    } else if (const auto [stem, is_new] = line_of_stem.try_emplace(FrameRef{.path = frame->path}.Stem(), line_number);
+               !is_new) {
       list.problems.push_back(
           absl::InvalidArgumentError(absl::StrFormat("%s: %s has the name of the file on line %d but for folder and "
                                                      "extension: results are named by it, rename one",
                                                      where, frame->path, stem->second)));
     } else {
-      list.frames.push_back(*std::move(frame));
+      list.frames.push_back({.path = std::move(frame->path)});
+      list.stamps.push_back(frame->stamp);
     }
   }
+  if (!list.unit_is_said) {
+    const absl::StatusOr<TimeUnit> unit = GuessTimeUnit(list.stamps);
+    if (unit.ok())
+      list.unit = *unit;
+    else
+      list.problems.push_back(unit.status());
+  }
+  if (const absl::Status status = SetTimeUnit(list.unit, list); !status.ok()) list.problems.push_back(status);
   return list;
 }
 
+absl::Status SetTimeUnit(TimeUnit unit, FrameList& list) {
+  std::vector<int64_t> times_ns;
+  times_ns.reserve(list.stamps.size());
+  for (size_t i = 0; i < list.stamps.size(); ++i) {
+    const std::optional<int64_t> time_ns = StampNs(list.stamps[i], unit);
+    if (!time_ns.has_value())
+      return absl::InvalidArgumentError(absl::StrFormat("%s: its time stamp, in %s, lies beyond 292 years",
+                                                        list.frames[i].path, std::string(LongName(unit))));
+    times_ns.push_back(*time_ns);
+  }
+  for (size_t i = 0; i < times_ns.size(); ++i) list.frames[i].time_ns = times_ns[i];
+  list.unit = unit;
+  return absl::OkStatus();
+}
+
 std::string FormatFrameList(const std::vector<FrameRef>& frames) {
+  std::vector<Stamp> stamps;
+  stamps.reserve(frames.size());
+  for (const FrameRef& frame : frames) stamps.emplace_back(frame.time_ns);
+  const absl::StatusOr<TimeUnit> guess = GuessTimeUnit(stamps);
   std::string text = "# timestamp filename\n";
+  if (!guess.ok() || *guess != TimeUnit::kSeconds) text += "# unit: s\n";
   for (const FrameRef& frame : frames) absl::StrAppend(&text, FormatSeconds(frame.time_ns), " ", frame.path, "\n");
   return text;
 }

@@ -1,14 +1,17 @@
 // rgb.txt and depth.txt of a sequence folder: `timestamp filename` per line, seconds, `#` comments (the TUM RGB-D
-// layout).
+// layout). Stamps in milliseconds, microseconds or nanoseconds are recognised (core/sequence/time_unit.h); the comment
+// `# unit: s` (or ms, us, ns) says the unit. A byte-order mark of UTF-8 is skipped.
 #ifndef DEPTHTWEEN_CORE_IO_FRAME_LIST_H_
 #define DEPTHTWEEN_CORE_IO_FRAME_LIST_H_
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "core/base/status.h"
 #include "core/sequence/sequence.h"
+#include "core/sequence/time_unit.h"
 
 namespace depthtween {
 
@@ -24,10 +27,16 @@ absl::Status CheckFrameName(std::string_view name);
 struct FrameList {
   std::vector<FrameRef> frames;
   std::vector<absl::Status> problems;
+  std::vector<Stamp> stamps;  // of the frames, as written
+  TimeUnit unit = TimeUnit::kSeconds;
+  bool unit_is_said = false;  // by the list; else it was told from the stamps
 };
 FrameList ParseFrameList(std::string_view text);
 
-// The inverse, with 9 decimals.
+// Reads the stamps in another unit. InvalidArgument, and no change, when one lies beyond 292 years in it.
+absl::Status SetTimeUnit(TimeUnit unit, FrameList& list);
+
+// The inverse, in seconds with 9 decimals; says the unit where the stamps alone would be taken for another.
 std::string FormatFrameList(const std::vector<FrameRef>& frames);
 
 }  // namespace depthtween

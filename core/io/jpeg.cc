@@ -22,6 +22,9 @@ namespace {
 // ten.
 constexpr int kMaxScans = 100;
 
+// More bytes than this behind the last pixel are taken for pixels that got lost.
+constexpr int kMaxStrayBytes = 64;
+
 struct ErrorManager {
   jpeg_error_mgr base;  // first, so that the library's pointer to it is a pointer to this
   std::jmp_buf jump;
@@ -34,10 +37,20 @@ struct ErrorManager {
   std::longjmp(manager->jump, 1);
 }
 
+// Bytes that belong to nothing, before a marker. Cameras leave some behind the last pixel, or between header segments.
+// Within a scan, and before a restart marker, they are pixels that were not understood, and so are many of them.
+bool SkippedBytesHarmNothing(j_common_ptr codec) {
+  const int count = codec->err->msg_parm.i[0], marker = codec->err->msg_parm.i[1];
+  const bool before_restart = marker >= JPEG_RST0 && marker <= JPEG_RST0 + 7;
+  const bool in_header = codec->is_decompressor && reinterpret_cast<j_decompress_ptr>(codec)->input_scan_number == 0;
+  return !before_restart && (in_header || count <= kMaxStrayBytes);
+}
+
 void OnMessage(j_common_ptr codec, int level) {
   const int code = codec->err->msg_code;
   // Odd headers harm no pixel. After any other warning the library makes pixels up.
-  const bool harmless = level >= 0 || code == JWRN_ADOBE_XFORM || code == JWRN_JFIF_MAJOR;
+  const bool harmless = level >= 0 || code == JWRN_ADOBE_XFORM || code == JWRN_JFIF_MAJOR ||
+                        (code == JWRN_EXTRANEOUS_DATA && SkippedBytesHarmNothing(codec));
   if (!harmless) OnError(codec);
 }
 
@@ -106,7 +119,24 @@ class Decoder {
     if (setjmp(errors_.jump)) return false;
     return jpeg_finish_decompress(&codec_) == TRUE;
   }
-  absl::Status Damaged() const { return absl::DataLossError(absl::StrCat("damaged JPEG: ", errors_.message)); }
+  absl::Status Damaged() const {
+    switch (errors_.base.msg_code) {
+      case JERR_BAD_PRECISION:
+        return NotRead(absl::StrFormat("has %d bits per sample", codec_.data_precision));
+      case JERR_SOF_UNSUPPORTED:
+        return NotRead("is coded without loss or in a way that is not common");
+      case JERR_ARITH_NOTIMPL:
+        return NotRead("is coded arithmetically");
+      default:
+        return absl::DataLossError(absl::StrCat("damaged JPEG: ", errors_.message));
+    }
+  }
+  static absl::Status NotRead(const std::string& what) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("is a JPEG that ", what,
+                     ", must be a baseline or progressive one of 8 bits: convert it to PNG, for instance by "
+                     "`ffmpeg -i IN.jpg OUT.png` or what wrote it"));
+  }
 
   ErrorManager errors_ = {};
   jpeg_progress_mgr progress_ = {};

@@ -1,7 +1,9 @@
 // JPEG <-> colour images.
 //
-// Errors:   DataLoss: not a JPEG, cut short, or damaged (a decoder's warning counts as damage: it would invent pixels).
-//           ResourceExhausted: over a limit, found in the header. InvalidArgument: CMYK.
+// Errors:   DataLoss: not a JPEG, cut short, or damaged (a decoder's warning counts as damage, since it
+//           would invent pixels; but for odd headers, and a few stray bytes between the last pixel and the end).
+//           ResourceExhausted: over a limit, found in the header. InvalidArgument: CMYK, 12 bits per
+//           sample, lossless or arithmetic coding.
 // Threads:  safe to call concurrently.
 #ifndef DEPTHTWEEN_CORE_IO_JPEG_H_
 #define DEPTHTWEEN_CORE_IO_JPEG_H_

@@ -143,7 +143,8 @@ class Reader {
   static bool BeginOrJump(png_structp png, png_infop info, Input* input, bool to_rgb8) {
     if (setjmp(png_jmpbuf(png))) return false;
     png_set_read_fn(png, input, OnRead);
-    png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
+    // Pixels are in critical chunks. A damaged profile or time of writing is left out.
+    png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_WARN_DISCARD);
     // Text, profiles and the like are skipped unread: they may unpack to megabytes.
     png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, nullptr, -1);
     png_read_info(png, info);

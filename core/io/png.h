@@ -1,7 +1,7 @@
 // PNG <-> images. Lossless: what Encode takes, Decode gives back bit for bit.
 //
-// Errors:   DataLoss: not a PNG, cut short, a wrong checksum. ResourceExhausted: over a limit, found in the header
-// before any
+// Errors:   DataLoss: not a PNG, cut short, a wrong checksum (of a chunk that pixels depend on). ResourceExhausted:
+// over a limit, found in the header before any
 //           pixel is allocated. InvalidArgument: another kind of pixel than asked for, with what was found.
 //           Read and Write add the path and what the file system says.
 // Threads:  safe to call concurrently.

@@ -33,6 +33,11 @@ Image<float> DequantiseDepth(ImageView<const uint16_t> units, double depth_scale
   return Map<uint16_t, float>(units, [=](uint16_t u) { return static_cast<float>(u / depth_scale); });
 }
 
+Image<float> DequantiseRecordedDepth(ImageView<const uint16_t> units, double depth_scale) {
+  return Map<uint16_t, float>(
+      units, [=](uint16_t u) { return u == kLargestDepthUnits ? 0.0F : static_cast<float>(u / depth_scale); });
+}
+
 Image<uint16_t> QuantiseSigma(ImageView<const float> sigma_m, double depth_scale) {
   return Map<float, uint16_t>(sigma_m, [=](float s) { return SigmaToUnits(s, depth_scale); });
 }

@@ -194,7 +194,7 @@ absl::StatusOr<ResultFolder> ResultFolder::Open(const std::string& dir) {
   const CameraFile camera_file = ReadCameraPart(dir, violations);
   folder.camera_ = camera_file.camera;
   folder.depth_scale_ = camera_file.depth_scale;
-  folder.frames_ = ReadListPart(dir, "depth.txt", violations);
+  folder.frames_ = ReadListPart(dir, "depth.txt", violations).frames;
   if (!violations.empty()) return WithContext(violations.ToStatus(), dir);
   // A result's depth is its list, on the clock of the colour frames it was made for.
   RETURN_IF_ERROR(WithContext(Validate({folder.camera_, folder.depth_scale_, folder.frames_, folder.frames_}), dir));

@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <mutex>
+#include <numeric>
+#include <type_traits>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -10,10 +13,14 @@
 #include "core/io/color.h"
 #include "core/io/file.h"
 #include "core/io/folder_parts.h"
+#include "core/io/foreign_folder.h"
 #include "core/io/frame_list.h"
+#include "core/io/image_kind.h"
 #include "core/io/png.h"
 #include "core/io/quantise.h"
 #include "core/sequence/camera_json.h"
+#include "core/sequence/clock.h"
+#include "core/sequence/depth_scale.h"
 
 namespace depthtween {
 namespace {
@@ -21,19 +28,60 @@ namespace {
 constexpr char kColorList[] = "rgb.txt";
 constexpr char kDepthList[] = "depth.txt";
 constexpr char kCameraFile[] = "camera.json";
+constexpr std::array<const char*, 3> kParts = {kCameraFile, kColorList, kDepthList};
 
-// Where indoor depth cameras look, with room to spare: the Kinect v2 sees 0.5 to 4.5 m, RealSense from 0.1 m.
-constexpr double kMinPlausibleMedianM = 0.1;
-constexpr double kMaxPlausibleMedianM = 30.0;
+// Depth frames that are read to tell what the whole recording is like.
+constexpr int kFramesLookedAt = 64;
 
-Sequence ReadHeader(const std::string& dir, ViolationList& violations) {
+struct Header {
   Sequence sequence;
-  const CameraFile camera_file = ReadCameraPart(dir, violations);
-  sequence.camera = camera_file.camera;
-  sequence.depth_scale = camera_file.depth_scale;
-  sequence.color = ReadListPart(dir, kColorList, violations);
-  sequence.depth = ReadListPart(dir, kDepthList, violations);
-  return sequence;
+  std::vector<std::string> warnings;
+};
+
+std::string UnitWarning(const char* list_name, const FrameList& list) {
+  return absl::StrFormat(
+      "%s: its time stamps are taken for %s, a frame every %.4g ms; results are in seconds. A line '# unit: s' (ms, "
+      "us, "
+      "ns) at the top of a list says its unit",
+      list_name, std::string(LongName(list.unit)), 1e-6 * static_cast<double>(MedianPeriodNs(list.frames)));
+}
+
+// Depth is read in the unit that goes with colour; what was assumed is said.
+void SettleUnits(const FrameList& color, FrameList& depth, ViolationList& violations,
+                 std::vector<std::string>& warnings) {
+  if (!depth.unit_is_said) {
+    const absl::Status status = SetTimeUnit(GuessDepthTimeUnit(color.stamps, color.unit, depth.stamps), depth);
+    if (!status.ok()) violations.Add(kDepthList, status);
+  }
+  const auto say = [&](const char* name, const FrameList& list) {
+    if (!list.unit_is_said && list.unit != TimeUnit::kSeconds) warnings.push_back(UnitWarning(name, list));
+  };
+  say(kColorList, color);
+  say(kDepthList, depth);
+}
+
+Header ReadHeader(const std::string& dir, ViolationList& violations) {
+  Header header;
+  CameraFile camera_file = ReadCameraPart(dir, violations);
+  header.warnings = std::move(camera_file.warnings);
+  for (std::string& doubt : camera_file.camera.Doubts()) header.warnings.push_back(std::move(doubt));
+  FrameList color = ReadListPart(dir, kColorList, violations);
+  FrameList depth = ReadListPart(dir, kDepthList, violations);
+  const bool part_missing =
+      std::any_of(kParts.begin(), kParts.end(), [&](const char* part) { return !FileExists(JoinPath(dir, part)); });
+  if (part_missing) {
+    if (const auto found = DescribeForeignFolder(dir)) {
+      const auto* missing = std::find_if(kParts.begin(), kParts.end(),
+                                         [&](const char* part) { return !FileExists(JoinPath(dir, part)); });
+      violations.Add(*missing, absl::NotFoundError(*found));
+    }
+  }
+  SettleUnits(color, depth, violations, header.warnings);
+  header.sequence = {.camera = camera_file.camera,
+                     .depth_scale = camera_file.depth_scale,
+                     .color = std::move(color.frames),
+                     .depth = std::move(depth.frames)};
+  return header;
 }
 
 // Violations(sequence), each under the file it is about. A file that could not be read is not blamed for what is
@@ -54,11 +102,49 @@ void AddSequenceViolations(const Sequence& sequence, ViolationList& violations) 
   }
 }
 
+// How depth of another size comes onto colour's pixels.
+std::string DepthSizeAdvice(int width, int height, const Camera& camera) {
+  const double ratio_x = static_cast<double>(camera.width) / width;
+  const double ratio_y = static_cast<double>(camera.height) / height;
+  const bool same_shape = std::abs(ratio_x - ratio_y) < 0.02 * ratio_x;
+  std::string text =
+      absl::StrFormat("Colour is %.4g times as wide and %.4g times as high as depth. ", ratio_x, ratio_y);
+  if (same_shape)
+    absl::StrAppendFormat(
+        &text,
+        "If depth is registered to colour and only of another resolution, resize it to the nearest pixel (anything "
+        "else "
+        "invents depth between surfaces), and leave camera.json as it is: `python3 -c \"import cv2,glob; "
+        "[cv2.imwrite(f, cv2.resize(cv2.imread(f,-1), (%d,%d), interpolation=cv2.INTER_NEAREST)) for f in "
+        "glob.glob('depth/*.png')]\"`. If it is as the depth camera saw it, register it: ",
+        camera.width, camera.height);
+  else
+    absl::StrAppend(&text, "Another shape of image means that depth is as the depth camera saw it. Register it: ");
+  absl::StrAppend(
+      &text,
+      "take each pixel to a point by the depth camera's intrinsics, move it by the pose between the cameras, "
+      "project it by the fx, fy, cx, cy of camera.json, and keep the nearest point of each pixel (librealsense "
+      "rs.align, k4a_transformation, OpenCV rgbd.registerDepth do so)");
+  return text;
+}
+
+std::string ColorSizeAdvice(int width, int height, const Camera& camera) {
+  return absl::StrFormat(
+      "If these are the images, set width and height to theirs and scale fx and cx by %.4g, fy and cy by %.4g where "
+      "the "
+      "intrinsics are of the other size",
+      static_cast<double>(width) / camera.width, static_cast<double>(height) / camera.height);
+}
+
 template <typename T>
 absl::Status CheckSize(const Image<T>& image, const Camera& camera) {
   if (image.width() == camera.width && image.height() == camera.height) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrFormat("is %d x %d pixels, camera.json says %d x %d: they must agree",
-                                                    image.width(), image.height(), camera.width, camera.height));
+  constexpr bool kIsDepth = std::is_same_v<T, uint16_t>;
+  return absl::InvalidArgumentError(
+      absl::StrCat(absl::StrFormat("is %d x %d pixels, camera.json says %d x %d: they must agree. ", image.width(),
+                                   image.height(), camera.width, camera.height),
+                   kIsDepth ? DepthSizeAdvice(image.width(), image.height(), camera)
+                            : ColorSizeAdvice(image.width(), image.height(), camera)));
 }
 
 absl::StatusOr<Image<Rgb8>> LoadColor(const std::string& dir, const std::string& name, const ImageLimits& limits = {}) {
@@ -69,10 +155,13 @@ absl::StatusOr<Image<Rgb8>> LoadColor(const std::string& dir, const std::string&
 absl::StatusOr<Image<uint16_t>> LoadDepth(const std::string& dir, const std::string& name,
                                           const ImageLimits& limits = {}) {
   ASSIGN_OR_RETURN(const std::string bytes, ReadFile(JoinPath(dir, name)));
+  if (!LooksLikePng(bytes) && !ImageKind(bytes).empty()) return NotADepthImage(bytes);
   absl::StatusOr<Image<uint16_t>> units = DecodePng16(bytes, limits);
   if (absl::IsInvalidArgument(units.status()))
-    return absl::InvalidArgumentError(
-        absl::StrCat(units.status().message(), ": store depth as whole numbers, depth_scale of them per metre"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        units.status().message(),
+        ": store depth as whole numbers, depth_scale of them per metre. 8 bits or colours are a picture of depth for "
+        "viewing, from which it cannot be read back: export the sensor's values as 16-bit grey"));
   return units;
 }
 
@@ -87,18 +176,30 @@ class DepthHistogram {
   // 0 when nothing is known.
   int Median() const {
     int64_t known = 0;
-    for (size_t value = 1; value < counts_.size(); ++value) known += counts_[value];
+    for (size_t value = 1; value < kLargestDepthUnits; ++value) known += counts_[value];
     int64_t below = 0;
-    for (size_t value = 1; value < counts_.size(); ++value) {
+    for (size_t value = 1; value < kLargestDepthUnits; ++value) {
       below += counts_[value];
       if (2 * below >= known && known > 0) return static_cast<int>(value);
     }
     return 0;
   }
+  int64_t Pixels() const { return std::accumulate(counts_.begin(), counts_.end(), int64_t{0}); }
+  int64_t Largest() const { return counts_[kLargestDepthUnits]; }
 
  private:
   std::vector<int64_t> counts_ = std::vector<int64_t>(65536);
 };
+
+// Says how many pixels hold the largest code, if any do.
+std::optional<std::string> LargestCodeWarning(int64_t largest, int64_t pixels, int frames) {
+  if (largest == 0) return std::nullopt;
+  return absl::StrFormat(
+      "%.2g %% of the pixels of %d depth frame%s hold 65535, the largest number that 16 bits hold: nothing was "
+      "measured "
+      "there, or a depth did not fit. They are taken for unknown; store 0 instead",
+      100.0 * static_cast<double>(largest) / static_cast<double>(pixels), frames, frames == 1 ? "" : "s");
+}
 
 absl::Status CheckWriterSize(int width, int height, const Camera& camera) {
   if (width == camera.width && height == camera.height) return absl::OkStatus();
@@ -113,18 +214,23 @@ std::string TruthName(const std::string& stem) { return absl::StrCat("gt/depth/"
 absl::StatusOr<Sequence> ReadSequenceHeader(const std::string& dir) {
   RETURN_IF_ERROR(CheckFolder(dir));
   ViolationList violations;
-  Sequence sequence = ReadHeader(dir, violations);
+  Header header = ReadHeader(dir, violations);
   if (!violations.empty()) return WithContext(violations.ToStatus(), dir);
-  return sequence;
+  return std::move(header.sequence);
 }
 
 absl::StatusOr<SequenceCheck> CheckSequenceFolder(const std::string& dir, const CheckOptions& options) {
   RETURN_IF_ERROR(CheckFolder(dir));
   SequenceCheck check;
   ViolationList violations;
-  check.sequence = ReadHeader(dir, violations);
+  Header header = ReadHeader(dir, violations);
+  check.sequence = std::move(header.sequence);
+  check.warnings = std::move(header.warnings);
   const bool camera_was_read = !violations.Contains(kCameraFile);
   AddSequenceViolations(check.sequence, violations);
+  if (violations.empty())
+    if (const absl::Status overlap = CheckOverlap(check.sequence); !overlap.ok())
+      check.warnings.emplace_back(overlap.message());
 
   struct Frame {
     const std::string* name;
@@ -157,7 +263,7 @@ absl::StatusOr<SequenceCheck> CheckSequenceFolder(const std::string& dir, const 
     limits.max_pixels = std::min(limits.max_pixels, options.max_pixels / frame_count);
   }
   // A limit that the camera sets is told as such.
-  const auto explain = [&](const absl::Status& status) {
+  const auto explain = [&](absl::Status status) {
     if (!camera_was_read || !absl::IsResourceExhausted(status)) return status;
     return WithContext(status,
                        absl::StrFormat("camera.json says %d x %d, and they must agree", camera.width, camera.height));
@@ -196,32 +302,39 @@ absl::StatusOr<SequenceCheck> CheckSequenceFolder(const std::string& dir, const 
     if (const auto warning = ImplausibleDepthScale(check.median_depth_m, check.sequence.depth_scale))
       check.warnings.push_back(*warning);
   }
+  const auto depth_frames = std::count_if(frames.begin(), frames.end(),
+                                          [](const Frame& frame) { return frame.is_depth && frame.status.ok(); });
+  if (auto warning = LargestCodeWarning(histogram.Largest(), histogram.Pixels(), static_cast<int>(depth_frames)))
+    check.warnings.push_back(*std::move(warning));
   return check;
-}
-
-std::optional<std::string> ImplausibleDepthScale(double median_depth_m, double depth_scale) {
-  if (median_depth_m <= 0 || (median_depth_m >= kMinPlausibleMedianM && median_depth_m <= kMaxPlausibleMedianM))
-    return std::nullopt;
-  const std::string found =
-      absl::StrFormat("depth_scale = %g is implausible: the median depth would be %.4g m", depth_scale, median_depth_m);
-  const double median_units = median_depth_m * depth_scale;
-  // What cameras and datasets use: millimetres (most), TUM RGB-D, tenths of a millimetre, RealSense L515, KITTI,
-  // centimetres.
-  for (const double scale : {1000.0, 5000.0, 10000.0, 4000.0, 256.0, 100.0}) {
-    const double median_m = median_units / scale;
-    if (median_m >= 0.3 && median_m <= 10.0)
-      return absl::StrFormat("%s; %g units per metre would make it %.4g m", found, scale, median_m);
-  }
-  return absl::StrCat(found, "; check how many units a metre has");
 }
 
 absl::StatusOr<std::unique_ptr<SequenceFolder>> SequenceFolder::Open(const std::string& dir) {
   RETURN_IF_ERROR(CheckFolder(dir));
   ViolationList violations;
-  Sequence sequence = ReadHeader(dir, violations);
-  AddSequenceViolations(sequence, violations);
+  Header header = ReadHeader(dir, violations);
+  AddSequenceViolations(header.sequence, violations);
   if (!violations.empty()) return WithContext(violations.ToStatus(), dir);
-  return std::unique_ptr<SequenceFolder>(new SequenceFolder(dir, std::move(sequence)));
+  return std::unique_ptr<SequenceFolder>(
+      new SequenceFolder(dir, std::move(header.sequence), std::move(header.warnings)));
+}
+
+std::vector<std::string> SequenceFolder::Warnings(int threads) const {
+  const int keys = static_cast<int>(sequence_.depth.size()), looked_at = std::min(keys, kFramesLookedAt);
+  std::vector<int64_t> largest(looked_at), pixels(looked_at);
+  ParallelFor(looked_at, threads, [&](int i) {
+    const int key = looked_at == 1 ? 0 : static_cast<int>(static_cast<int64_t>(i) * (keys - 1) / (looked_at - 1));
+    const absl::StatusOr<Image<uint16_t>> units = LoadDepth(dir_, sequence_.depth[key].path);
+    if (!units.ok()) return;  // said when the frame is needed
+    pixels[i] = static_cast<int64_t>(units->pixel_count());
+    for (int y = 0; y < units->height(); ++y)
+      largest[i] += std::count(units->row(y), units->row(y) + units->width(), kLargestDepthUnits);
+  });
+  std::vector<std::string> warnings = header_warnings_;
+  if (auto warning = LargestCodeWarning(std::accumulate(largest.begin(), largest.end(), int64_t{0}),
+                                        std::accumulate(pixels.begin(), pixels.end(), int64_t{0}), looked_at))
+    warnings.push_back(*std::move(warning));
+  return warnings;
 }
 
 absl::StatusOr<Image<Rgb8>> SequenceFolder::Color(int index) const {
@@ -237,7 +350,7 @@ absl::StatusOr<Image<float>> SequenceFolder::Depth(int index) const {
   const absl::StatusOr<Image<uint16_t>> units = LoadDepth(dir_, name);
   if (!units.ok()) return WithContext(units.status(), name);
   if (absl::Status size = CheckSize(*units, sequence_.camera); !size.ok()) return WithContext(size, name);
-  return DequantiseDepth(*units, sequence_.depth_scale);
+  return DequantiseRecordedDepth(*units, sequence_.depth_scale);
 }
 
 std::optional<std::string> GroundTruthDepthPath(const std::string& dir, const std::string& stem) {

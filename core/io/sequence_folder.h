@@ -30,8 +30,9 @@ absl::StatusOr<Sequence> ReadSequenceHeader(const std::string& dir);
 struct SequenceCheck {
   Sequence sequence;
   std::vector<FileViolation> violations;  // one per offending file: camera.json, lists, then frames in their order
-  std::vector<std::string> warnings;      // facts that are no violation, such as an implausible depth_scale
-  double median_depth_m = 0.0;            // over all known pixels of all depth frames; 0 when there are none
+  std::vector<std::string>
+      warnings;  // facts that are no violation, such as an implausible depth_scale, or clocks that do not meet
+  double median_depth_m = 0.0;  // over all known pixels of all depth frames; 0 when there are none
 
   bool ok() const { return violations.empty(); }
 };
@@ -53,10 +54,6 @@ struct CheckOptions {
 // this function but its answer.
 absl::StatusOr<SequenceCheck> CheckSequenceFolder(const std::string& dir, const CheckOptions& options = {});
 
-// A warning when stored depth read in these units is nearer than 0.1 m or farther than 30 m in the median: says the
-// median and which scale would be plausible.
-std::optional<std::string> ImplausibleDepthScale(double median_depth_m, double depth_scale);
-
 // Frames decoded on demand.
 class SequenceFolder : public FrameSource {
  public:
@@ -68,12 +65,17 @@ class SequenceFolder : public FrameSource {
   // Errors name the file: what the decoder says, or InvalidArgument when its size is not the camera's.
   absl::StatusOr<Image<Rgb8>> Color(int index) const override;
   absl::StatusOr<Image<float>> Depth(int index) const override;
+  // What lists and camera made it assume, and how many pixels hold the largest code, which Depth takes for unknown:
+  // looks at 64 depth frames, spread over the recording.
+  std::vector<std::string> Warnings(int threads) const override;
 
  private:
-  SequenceFolder(std::string dir, Sequence sequence) : dir_(std::move(dir)), sequence_(std::move(sequence)) {}
+  SequenceFolder(std::string dir, Sequence sequence, std::vector<std::string> header_warnings)
+      : dir_(std::move(dir)), sequence_(std::move(sequence)), header_warnings_(std::move(header_warnings)) {}
 
   const std::string dir_;
   const Sequence sequence_;
+  const std::vector<std::string> header_warnings_;
 };
 
 // dir/gt/depth/<stem>.png, the exact depth of the colour frame of that stem; none when there is no such file.

@@ -69,6 +69,18 @@ absl::Status CheckOption(const OptionSpec& spec, const json& value, const std::s
   return absl::OkStatus();
 }
 
+namespace {
+
+// Each word once, so that no list is longer than that of its words.
+json Distinct(const json& words) {
+  json distinct = json::array();
+  for (const json& word : words)
+    if (std::find(distinct.begin(), distinct.end(), word) == distinct.end()) distinct.push_back(word);
+  return distinct;
+}
+
+}  // namespace
+
 absl::StatusOr<json> FillDocument(const std::vector<OptionSpec>& specs, const json& document, const std::string& path) {
   if (!document.is_object()) return FieldError(path, "must be a JSON object");
   json filled = json::object();
@@ -76,10 +88,12 @@ absl::StatusOr<json> FillDocument(const std::vector<OptionSpec>& specs, const js
     const auto found = document.find(spec.name);
     if (found != document.end()) RETURN_IF_ERROR(CheckOption(spec, *found, absl::StrCat(path, ".", spec.name)));
     filled[spec.name] = found == document.end() ? spec.default_value : *found;
+    if (spec.type == OptionType::kWords) filled[spec.name] = Distinct(filled[spec.name]);
   }
   for (const auto& [field, unused] : document.items()) {
     if (filled.contains(field)) continue;
     std::vector<std::string> known;
+    known.reserve(specs.size());
     for (const OptionSpec& spec : specs) known.push_back(spec.name);
     return FieldError(absl::StrCat(path, ".", field),
                       absl::StrCat("is not known: the options are ", absl::StrJoin(known, ", ")));

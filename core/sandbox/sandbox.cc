@@ -18,6 +18,8 @@
 #include <cstdint>
 #include <utility>
 
+#include "core/base/descriptor.h"
+
 namespace depthtween {
 namespace {
 
@@ -241,21 +243,6 @@ int LandlockVersion() {
   const int64_t version = syscall(SYS_landlock_create_ruleset, nullptr, 0, LANDLOCK_CREATE_RULESET_VERSION);
   return version > 0 ? static_cast<int>(version) : 0;
 }
-
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  ~Descriptor() {
-    if (fd_ >= 0) close(fd_);
-  }
-  int get() const { return fd_; }
-  bool valid() const { return fd_ >= 0; }
-
- private:
-  const int fd_;
-};
 
 // NotFound if there is no such path.
 absl::Status AllowBelow(const Descriptor& rules, const std::string& path, uint64_t rights) {

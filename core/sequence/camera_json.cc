@@ -1,11 +1,16 @@
 #include "core/sequence/camera_json.h"
 
 #include <algorithm>
+#include <array>
+#include <cctype>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "core/base/byte_order_mark.h"
 
 namespace depthtween {
 namespace {
@@ -60,10 +65,39 @@ absl::StatusOr<json> ParseText(std::string_view text) {
   }
 }
 
+// Names what has no effect, so that nobody believes it has: distortion, above all, has many names.
+std::optional<std::string> UnknownFields(const json& object) {
+  constexpr size_t kNamed = 8;
+  constexpr std::array<std::string_view, 12> kKnown = {"width", "height", "fx", "fy", "cx", "cy",
+                                                       "k1",    "k2",     "p1", "p2", "k3", "depth_scale"};
+  std::vector<std::string> unknown;
+  bool distortion = false;
+  for (const auto& [field, value] : object.items()) {
+    if (std::find(kKnown.begin(), kKnown.end(), field) != kKnown.end()) continue;
+    unknown.push_back(Quote(field));
+    std::string lower = field;
+    std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char c) { return std::tolower(c); });
+    distortion = distortion || lower.starts_with("dist") || lower == "d" || lower.starts_with("coef") ||
+                 lower == "k4" || lower == "k5" || lower == "k6";
+  }
+  if (unknown.empty()) return std::nullopt;
+  const size_t hidden = unknown.size() - std::min(unknown.size(), kNamed);
+  unknown.resize(unknown.size() - hidden);
+  std::string text = absl::StrCat("camera.json: unknown and ignored: ", absl::StrJoin(unknown, ", "));
+  if (hidden > 0) absl::StrAppendFormat(&text, " and %d more", hidden);
+  if (distortion)
+    absl::StrAppend(&text,
+                    "; lens distortion is not applied from there: give it as k1, k2, p1, p2, k3 (OpenCV's order "
+                    "of a list of five), or undistort the images");
+  return text;
+}
+
 }  // namespace
 
 absl::StatusOr<CameraFile> ParseCameraJson(std::string_view text) {
-  ASSIGN_OR_RETURN(const json object, ParseText(text));
+  if (LooksLikeUtf16(text))
+    return absl::InvalidArgumentError("is UTF-16 text, must be UTF-8: save it in that encoding");
+  ASSIGN_OR_RETURN(const json object, ParseText(SkipByteOrderMark(text)));
   return CameraFromJson(object);
 }
 
@@ -88,6 +122,7 @@ absl::StatusOr<CameraFile> CameraFromJson(const json& object) {
   RETURN_IF_ERROR(ReadNumber(object, "p2", /*required=*/false, camera.p2));
   RETURN_IF_ERROR(ReadNumber(object, "k3", /*required=*/false, camera.k3));
   RETURN_IF_ERROR(ReadNumber(object, "depth_scale", /*required=*/true, file.depth_scale));
+  if (std::optional<std::string> warning = UnknownFields(object)) file.warnings.push_back(*std::move(warning));
   return file;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 #include <string>
 
 #include "absl/strings/escaping.h"
@@ -13,7 +14,8 @@
 namespace depthtween {
 namespace {
 
-constexpr double kMaxOffsetNs = 3600e9;
+// A century: one clock may count from 1970 and the other from when its camera was switched on.
+constexpr double kMaxOffsetNs = 3155760000e9;
 constexpr double kMaxDriftPpm = 1e5;
 // Under this share of a period, stamps are of one moment: motion within it is far below a pixel.
 constexpr double kCoincident = 0.02;
@@ -57,14 +59,18 @@ int64_t MedianPeriodNs(const std::vector<FrameRef>& frames) {
 int64_t ClockModel::ColorTime(int64_t depth_stamp_ns) const {
   // What is taken from the stamp is small enough for a double, the stamp itself is not.
   const double drift = 1e-6 * drift_ppm, since = static_cast<double>(depth_stamp_ns - reference_ns);
-  return depth_stamp_ns - std::llround((offset_ns + drift * since) / (1.0 + drift));
+  int64_t time_ns = 0;
+  const int64_t ahead_ns = std::llround((offset_ns + drift * since) / (1.0 + drift));
+  if (__builtin_sub_overflow(depth_stamp_ns, ahead_ns, &time_ns))
+    return ahead_ns > 0 ? std::numeric_limits<int64_t>::min() : std::numeric_limits<int64_t>::max();
+  return time_ns;
 }
 
 absl::Status ClockModel::Validate() const {
   const auto error = [](const char* field, double value, const char* rule) {
     return absl::InvalidArgumentError(absl::StrFormat("ClockModel.%s = %g, must be %s", field, value, rule));
   };
-  if (!(std::abs(offset_ns) <= kMaxOffsetNs)) return error("offset_ns", offset_ns, "within an hour (3.6e12)");
+  if (!(std::abs(offset_ns) <= kMaxOffsetNs)) return error("offset_ns", offset_ns, "within a century (3.15576e18)");
   if (!(std::abs(drift_ppm) <= kMaxDriftPpm)) return error("drift_ppm", drift_ppm, "within 100000 (a tenth)");
   return absl::OkStatus();
 }

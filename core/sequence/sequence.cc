@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <optional>
 
 #include "absl/strings/str_format.h"
+#include "core/sequence/time_unit.h"
 
 namespace depthtween {
 namespace {
@@ -68,16 +69,22 @@ std::vector<absl::Status> Violations(const Sequence& sequence) {
         sequence.depth_scale, kMinDepthScale, kMaxDepthScale)));
   CheckStream(sequence.color, "rgb.txt", out);
   CheckStream(sequence.depth, "depth.txt", out);
-  if (!sequence.color.empty() && !sequence.depth.empty()) {
-    const auto& c = sequence.color;
-    const auto& d = sequence.depth;
-    if (c.back().time_ns < d.front().time_ns || d.back().time_ns < c.front().time_ns)
-      out.push_back(absl::InvalidArgumentError(absl::StrFormat(
-          "colour (%s to %s s) and depth (%s to %s s) do not overlap in time: bring both lists onto one clock",
-          FormatSeconds(c.front().time_ns), FormatSeconds(c.back().time_ns), FormatSeconds(d.front().time_ns),
-          FormatSeconds(d.back().time_ns))));
-  }
   return out;
+}
+
+absl::Status CheckOverlap(const Sequence& sequence, double applied_ms) {
+  const auto& c = sequence.color;
+  const auto& d = sequence.depth;
+  if (c.back().time_ns >= d.front().time_ns && d.back().time_ns >= c.front().time_ns) return absl::OkStatus();
+  const double apart_ms =
+      1e-6 * (static_cast<double>(d.front().time_ns) - static_cast<double>(c.front().time_ns)) + applied_ms;
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "colour (%s to %s s) and depth (%s to %s s) do not overlap in time. If both cameras ran at once, their clocks "
+      "differ: with --clock=%.3f (how far the depth clock is ahead, in ms) the first frames of both meet; --clock "
+      "index "
+      "pairs frames by their numbers, and --clock estimate measures from the images. A job has the field options.clock",
+      FormatSeconds(c.front().time_ns), FormatSeconds(c.back().time_ns), FormatSeconds(d.front().time_ns),
+      FormatSeconds(d.back().time_ns), apart_ms));
 }
 
 absl::Status Validate(const Sequence& sequence) {
@@ -86,31 +93,12 @@ absl::Status Validate(const Sequence& sequence) {
 }
 
 absl::StatusOr<int64_t> ParseSeconds(std::string_view text) {
-  const auto error = [&] {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("'%s' is not a time stamp: expected decimal seconds such as 12.345678",
-                        absl::string_view(text.data(), std::min<size_t>(text.size(), 64))));
-  };
-  size_t i = 0;
-  bool negative = false;
-  if (i < text.size() && (text[i] == '-' || text[i] == '+')) negative = text[i++] == '-';
-  int64_t seconds = 0, fraction = 0;
-  int digits = 0;
-  for (; i < text.size() && text[i] >= '0' && text[i] <= '9'; ++i, ++digits) {
-    seconds = seconds * 10 + (text[i] - '0');
-    if (seconds > std::numeric_limits<int64_t>::max() / kNsPerSecond - 1) return error();
-  }
-  if (i < text.size() && text[i] == '.') {
-    ++i;
-    int64_t unit = kNsPerSecond / 10;
-    for (; i < text.size() && text[i] >= '0' && text[i] <= '9'; ++i, ++digits) {
-      fraction += unit * (text[i] - '0');  // digits past the ninth are below a nanosecond
-      unit /= 10;
-    }
-  }
-  if (i != text.size() || digits == 0) return error();
-  const int64_t value = seconds * kNsPerSecond + fraction;
-  return negative ? -value : value;
+  ASSIGN_OR_RETURN(const Stamp stamp, ParseStamp(text));
+  const std::optional<int64_t> time_ns = StampNs(stamp, TimeUnit::kSeconds);
+  if (!time_ns.has_value())
+    return absl::InvalidArgumentError(absl::StrFormat("'%s' is not a time stamp: must be within 292 years of 0 seconds",
+                                                      absl::string_view(text.data(), text.size())));
+  return *time_ns;
 }
 
 std::string FormatSeconds(int64_t time_ns) {

@@ -2,8 +2,8 @@
 //
 // Depth is registered to colour: both share one camera and one image size. Time stamps are nanoseconds on one clock;
 // colour and depth stamps may be asynchronous and irregular.
-// Invariant of a validated Sequence: stamps strictly ascend in each stream, the streams overlap in time, the camera is
-// valid, there is at least one frame of each kind.
+// Invariant of a validated Sequence: stamps strictly ascend in each stream, the camera is valid, there is at least one
+// frame of each kind. Whether the streams overlap in time is asked once a clock has been applied (CheckOverlap).
 // Threads: a Sequence is a value. A FrameSource must allow concurrent calls.
 #ifndef DEPTHTWEEN_CORE_SEQUENCE_SEQUENCE_H_
 #define DEPTHTWEEN_CORE_SEQUENCE_SEQUENCE_H_
@@ -46,6 +46,10 @@ std::vector<absl::Status> Violations(const Sequence& sequence);
 // The first violation, or OK.
 absl::Status Validate(const Sequence& sequence);
 
+// InvalidArgument when no depth frame lies within the time of colour nor the other way round; says by what `clock` they
+// would meet. `applied_ms` has been taken from the depth stamps already. `sequence` must be valid.
+absl::Status CheckOverlap(const Sequence& sequence, double applied_ms = 0.0);
+
 // Parses a decimal number of seconds ("1305031232.193716") exactly into nanoseconds. InvalidArgument if it is not one,
 // or outside +-292 years.
 absl::StatusOr<int64_t> ParseSeconds(std::string_view text);
@@ -61,6 +65,9 @@ class FrameSource {
   virtual absl::StatusOr<Image<Rgb8>> Color(int index) const = 0;
   // W x H metres, 0 = unknown.
   virtual absl::StatusOr<Image<float>> Depth(int index) const = 0;
+  // What was assumed in reading the recording, in sentences for people: what, where, how to fix it. May look at frames,
+  // with so many threads, which do not change the answer.
+  virtual std::vector<std::string> Warnings(int /*threads*/) const { return {}; }
 };
 
 // Frames held in memory: for tests and for callers that have no files.

@@ -3,9 +3,26 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "core/sequence/retold_source.h"
+
 namespace depthtween {
 
 using nlohmann::json;
+
+absl::StatusOr<ClockEstimate> EstimateAnyClock(const FrameSource& recording, const SynchroniseOptions& options) {
+  const Sequence& sequence = recording.sequence();
+  if (CheckOverlap(sequence).ok()) return EstimateClock(recording, options);
+  const ClockModel apart{.offset_ns = static_cast<double>(sequence.depth.front().time_ns) -
+                                      static_cast<double>(sequence.color.front().time_ns)};
+  RETURN_IF_ERROR(apart.Validate());
+  Sequence together = sequence;
+  for (FrameRef& frame : together.depth)
+    frame.time_ns -= sequence.depth.front().time_ns - sequence.color.front().time_ns;
+  ASSIGN_OR_RETURN(ClockEstimate estimate, EstimateClock(RetoldSource(recording, std::move(together)), options));
+  if (!estimate.reason.empty()) estimate.model = {.reference_ns = sequence.color.front().time_ns};
+  estimate.model.offset_ns += apart.offset_ns;
+  return estimate;
+}
 
 absl::StatusOr<ClipClock> DecideClock(const FrameSource& recording, const ClockChoice& choice, int threads,
                                       std::stop_token stop, const std::function<void(int, int)>& on_progress) {
@@ -20,8 +37,8 @@ absl::StatusOr<ClipClock> DecideClock(const FrameSource& recording, const ClockC
     case ClockChoice::Mode::kEstimate: {
       ASSIGN_OR_RETURN(
           ClockEstimate estimate,
-          EstimateClock(recording, {.threads = threads, .stop = std::move(stop), .on_progress = on_progress}));
-      if (estimate.reason.empty()) clock.model = estimate.model;
+          EstimateAnyClock(recording, {.threads = threads, .stop = std::move(stop), .on_progress = on_progress}));
+      if (estimate.reason.empty() || !CheckOverlap(sequence).ok()) clock.model = estimate.model;
       clock.estimate = std::move(estimate);
       break;
     }

@@ -21,6 +21,10 @@ struct ClipClock {
   std::optional<ClockEstimate> estimate;  // how sure `model` is, if it was measured
 };
 
+// EstimateClock, where the streams may be any time apart: those that do not overlap are first brought together so that
+// their first frames meet, and the model says both. If it cannot be trusted, the model is that first step.
+absl::StatusOr<ClockEstimate> EstimateAnyClock(const FrameSource& recording, const SynchroniseOptions& options);
+
 // Decides. Only an estimate looks at frames, of all depth frames of the recording; it takes `threads`, which do not
 // change it, and the rest as SynchroniseOptions has it. Errors: of EstimateClock.
 absl::StatusOr<ClipClock> DecideClock(const FrameSource& recording, const ClockChoice& choice, int threads,

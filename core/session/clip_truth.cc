@@ -133,7 +133,7 @@ absl::StatusOr<FrameTruth> ClipTruth::Read(int color_index, const std::stop_toke
     ASSIGN_OR_RETURN(truth.depth_m, folder_->Depth(ref->depth));
   } else {
     ASSIGN_OR_RETURN(const Image<uint16_t> units, ReadPng16(ref->path));
-    truth.depth_m = DequantiseDepth(units, folder_->sequence().depth_scale);
+    truth.depth_m = DequantiseRecordedDepth(units, folder_->sequence().depth_scale);
   }
   return truth;
 }

@@ -49,14 +49,15 @@ absl::Status UpsampleForRender(const SequenceFolder& recording, const ClipRender
   UpsampleOptions options = order.upsample;
   options.keep_motion = true;
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
-  ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(result, recording.sequence(), true));
   ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(recording, options, stop));
+  const ClipSource source(recording, plan.clock, options.key_every);
+  ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(result, source.sequence(), true));
   ASSIGN_OR_RETURN(json self_check, order.self_check(recording));
   const std::unique_ptr<RunObserver> observer = order.observe(plan);
   ASSIGN_OR_RETURN(const std::vector<IntervalReport> reports,
-                   RunIntervals(*upsampler, recording, plan, 0, static_cast<int>(plan.intervals.size()), options, stop,
+                   RunIntervals(*upsampler, source, plan, 0, static_cast<int>(plan.intervals.size()), options, stop,
                                 writer, *observer));
-  return AssembleResult(options, recording.dir(), recording.sequence(), plan, reports, json::array(),
+  return AssembleResult(options, recording.dir(), source.sequence(), plan, reports, json::array(),
                         std::move(self_check), writer);
 }
 

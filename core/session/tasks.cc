@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "core/api/make_upsampler.h"
 #include "core/io/file.h"
+#include "core/io/unzip.h"
 #include "core/sequence/camera_json.h"
 #include "core/sequence/part_reports.h"
 #include "core/session/scene_flow_files.h"
@@ -81,7 +82,29 @@ absl::Status AssemblePairs(const Task& task, const TaskInput& input) {
   return FinishSceneFlow(*input.scene_flow, out, summaries, pictured).status();
 }
 
+json ViolationsToJson(const std::vector<FileViolation>& violations) {
+  json result = json::array();
+  for (const FileViolation& violation : violations) {
+    result.push_back({{"file", violation.file},
+                      {"code", absl::StatusCodeToString(violation.status.code())},
+                      {"message", std::string(violation.status.message())}});
+  }
+  return result;
+}
+
 }  // namespace
+
+absl::StatusOr<json> UnpackTask(const Task& task) {
+  const TaskArguments& arguments = task.arguments;
+  ASSIGN_OR_RETURN(const UnzipSummary summary,
+                   Unzip(JoinPath(arguments.sequence, arguments.archive), arguments.out,
+                         {.max_files = arguments.max_files, .max_bytes = arguments.max_bytes}, task.stop,
+                         [&](int /*done*/, int /*of*/) { task.alive(); }));
+  return json{{"ok", summary.ok()},
+              {"violations", ViolationsToJson(summary.violations)},
+              {"files", summary.files},
+              {"bytes", summary.bytes}};
+}
 
 absl::StatusOr<json> ValidateTask(const Task& task) {
   const CheckOptions options{.threads = task.arguments.threads,
@@ -91,14 +114,9 @@ absl::StatusOr<json> ValidateTask(const Task& task) {
                                task.progress({{"checked", checked}, {"of", of}});
                              }};
   ASSIGN_OR_RETURN(const SequenceCheck check, CheckSequenceFolder(task.arguments.sequence, options));
-  json violations = json::array();
-  for (const FileViolation& violation : check.violations)
-    violations.push_back({{"file", violation.file},
-                          {"code", absl::StatusCodeToString(violation.status.code())},
-                          {"message", std::string(violation.status.message())}});
   const Sequence& sequence = check.sequence;
   return json{{"ok", check.ok()},
-              {"violations", violations},
+              {"violations", ViolationsToJson(check.violations)},
               {"warnings", check.warnings},
               {"camera", CameraToJson(sequence.camera, sequence.depth_scale)},
               {"color", FramesToJson(sequence.color)},

@@ -18,6 +18,10 @@ struct TaskArguments {
   std::string sequence, options, constants, out, result, render, self_check;
   int first = 0, count = 0, frame = 0, threads = 1;
   int64_t max_pixels = std::numeric_limits<int64_t>::max();  // of all frames of the sequence together
+  // Of `unpack`: the archive's name in the sequence folder, and what may come out of it.
+  std::string archive;
+  int max_files = std::numeric_limits<int>::max();
+  int64_t max_bytes = std::numeric_limits<int64_t>::max();
   bool keep_motion = false;
 };
 
@@ -32,6 +36,8 @@ struct Task {
 
 // Decodes every frame; says what is wrong, and what the recording holds.
 absl::StatusOr<nlohmann::json> ValidateTask(const Task& task);
+// Unpacks a sequence that came as an archive to `out`, and says what is wrong with it.
+absl::StatusOr<nlohmann::json> UnpackTask(const Task& task);
 // Writes `constants`: what is decided once per clip.
 absl::Status PrepareTask(const Task& task);
 absl::Status SelfCheckTask(const Task& task);

@@ -5,6 +5,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/version.hpp>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -41,6 +42,33 @@ json IntervalToJson(const Interval& interval) {
           {"held", interval.Held()}};
 }
 
+// Frames before the first or after the last depth frame are held. A few are usual, since streams end at different
+// moments; more than a period of depth, or a good part of the clip, is worth a word.
+std::optional<std::string> HeldFramesWarning(const Sequence& sequence, const std::vector<Interval>& intervals) {
+  constexpr double kUsualShare = 0.25, kUsualPeriods = 1.05;
+  if (sequence.depth.size() < 2) return std::nullopt;
+  int before = 0, after = 0;
+  for (const Interval& interval : intervals) {
+    if (interval.key_before < 0) before += interval.frame_count;
+    if (interval.key_after < 0) after += interval.frame_count;
+  }
+  const auto& color = sequence.color;
+  const auto& depth = sequence.depth;
+  const double usual_ns = kUsualPeriods * static_cast<double>(MedianPeriodNs(depth));
+  const auto wait_ns =
+      std::max(depth.front().time_ns - color.front().time_ns, color.back().time_ns - depth.back().time_ns);
+  const auto total = static_cast<double>(color.size());
+  if (before + after == 0 || (before + after <= kUsualShare * total && static_cast<double>(wait_ns) <= usual_ns))
+    return std::nullopt;
+  return absl::StrFormat(
+      "%d of %d frames are held, which means that they show a depth frame unchanged (provenance 5): %d before the "
+      "first depth frame and %d after the last, since colour runs from %s to %s s and depth from %s to %s s. If both "
+      "cameras "
+      "ran at once, their clocks differ: see --clock (options.clock); else cut colour to the time of depth",
+      before + after, color.size(), before, after, FormatSeconds(color.front().time_ns),
+      FormatSeconds(color.back().time_ns), FormatSeconds(depth.front().time_ns), FormatSeconds(depth.back().time_ns));
+}
+
 }  // namespace
 
 absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options, std::stop_token stop,
@@ -50,11 +78,24 @@ absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const Upsampl
   ASSIGN_OR_RETURN(const ClockChoice choice, ParseClockChoice(options.clock));
   ASSIGN_OR_RETURN(plan.clock, DecideClock(recording, choice, options.threads, std::move(stop), on_clock));
   const ClipSource source(recording, plan.clock, options.key_every);
-  RETURN_IF_ERROR(WithContext(Validate(source.sequence()), absl::StrCat("with options.clock = ", options.clock)));
+  const std::string with_clock = absl::StrCat("with options.clock = ", options.clock);
+  RETURN_IF_ERROR(WithContext(Validate(source.sequence()), with_clock));
+  const double applied_ms = plan.clock.color_per_depth > 0 ? 0.0 : 1e-6 * plan.clock.model.offset_ns;
+  RETURN_IF_ERROR(WithContext(CheckOverlap(source.sequence(), applied_ms), with_clock));
   ASSIGN_OR_RETURN(plan.constants, EstimateClipConstants(source, options.causal));
+  const std::vector<std::string> reading = recording.Warnings(options.threads);
+  plan.constants.warnings.insert(plan.constants.warnings.begin(), reading.begin(), reading.end());
   if (plan.clock.estimate.has_value() && !plan.clock.estimate->reason.empty())
-    plan.constants.warnings.push_back(absl::StrCat(Summary(*plan.clock.estimate), "; the stamps are kept"));
+    plan.constants.warnings.push_back(absl::StrCat(
+        Summary(*plan.clock.estimate),
+        plan.clock.model.offset_ns == 0.0
+            ? "; the stamps are kept"
+            : absl::StrFormat("; the streams do not overlap, and that their first frames were taken at once (the depth "
+                              "clock ahead by %.3f ms) is a guess: --clock=OFFSET_MS says it",
+                              1e-6 * plan.clock.model.offset_ns)));
   plan.intervals = PlanIntervals(source.sequence());
+  if (auto warning = HeldFramesWarning(source.sequence(), plan.intervals))
+    plan.constants.warnings.push_back(*std::move(warning));
   if (source.sequence().depth.size() == 1)
     plan.constants.warnings.push_back(
         "only one depth frame is input, so every frame holds it: a smaller key_every keeps more");
@@ -229,7 +270,7 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
                                                                context.stop, context.on_scene_flow));
   }
   if (!self_check.is_null()) report["self_check"] = std::move(self_check);
-  return writer.Finish(std::move(report));
+  return writer.Finish(report);
 }
 
 }  // namespace depthtween

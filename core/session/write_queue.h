@@ -34,7 +34,7 @@ class WriteQueue {
  private:
   absl::Status AwaitFirst() {
     const int frame = in_flight_.front().first;
-    const absl::Status written = in_flight_.front().second.get();
+    absl::Status written = in_flight_.front().second.get();
     in_flight_.pop_front();
     if (written.ok()) on_written_(frame);
     return written;

@@ -167,7 +167,8 @@ absl::StatusOr<std::unique_ptr<SyntheticSequence>> SyntheticSequence::Create(con
   RETURN_IF_ERROR(options.Validate());
   ASSIGN_OR_RETURN(std::unique_ptr<const Scene> scene, MakeScene(options.scene, options.seed));
   auto sequence = std::unique_ptr<SyntheticSequence>(new SyntheticSequence(options, std::move(scene), threads));
-  RETURN_IF_ERROR(depthtween::Validate(sequence->sequence()));  // such as clocks so far apart that nothing overlaps
+  RETURN_IF_ERROR(depthtween::Validate(sequence->sequence()));
+  RETURN_IF_ERROR(CheckOverlap(sequence->sequence()));
   return sequence;
 }
 

@@ -38,6 +38,8 @@ void AddPreviewCommand(CLI::App& app, int* exit_code);
 void AddRenderCommand(CLI::App& app, int* exit_code);
 void AddSyncCommand(CLI::App& app, int* exit_code);
 void AddTaskCommand(CLI::App& app, int* exit_code);
+// `run` is what main() does with a command line.
+void AddTaskHostCommand(CLI::App& app, int (*run)(int argc, const char* const* argv));
 
 }  // namespace depthtween::tools
 

@@ -74,7 +74,12 @@ absl::Status Render(const RenderArguments& arguments) {
                                    [&](const SequenceFolder& recording) {
                                      return CheckSelfAloud(recording, upsample, signals.token());
                                    },
-                               .observe = [](const ClipPlan& plan) { return std::make_unique<ProgressBar>(plan); }},
+                               .observe =
+                                   [](const ClipPlan& plan) {
+                                     for (const std::string& warning : plan.constants.warnings)
+                                       std::cerr << "warning: " << warning << std::endl;
+                                     return std::make_unique<ProgressBar>(plan);
+                                   }},
                               signals.token()));
   std::cout << absl::StrFormat("%d frames in %.1f s (%.1f frames per second)", rendered.frames, rendered.seconds,
                                rendered.frames / rendered.seconds);

@@ -30,6 +30,8 @@ absl::Status RunSceneFlow(const SceneFlowArguments& arguments) {
   ASSIGN_OR_RETURN(SceneFlowOrder order, ParseSceneFlowOrder(arguments.document));
   order.threads = arguments.threads;
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
+  for (const std::string& warning : folder->Warnings(arguments.threads))
+    std::cerr << "warning: " << warning << std::endl;
   nlohmann::json report;
   {
     CountLine counter("computed", "pairs of frames");

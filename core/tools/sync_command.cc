@@ -25,13 +25,15 @@ struct SyncArguments {
 absl::Status Sync(const SyncArguments& arguments) {
   StopOnSignals signals;
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> folder, SequenceFolder::Open(arguments.sequence));
+  for (const std::string& warning : folder->Warnings(arguments.options.threads))
+    std::cerr << "warning: " << warning << std::endl;
   SynchroniseOptions options = arguments.options;
   options.stop = signals.token();
   ClockEstimate estimate;
   {
     CountLine counter("clock: took", "looks at frames");
     options.on_progress = [&](int done, int total) { counter.Show(done, total); };
-    ASSIGN_OR_RETURN(estimate, EstimateClock(*folder, options));
+    ASSIGN_OR_RETURN(estimate, EstimateAnyClock(*folder, options));
   }
   const std::string json = ToJson(estimate).dump(2) + "\n";
   if (!arguments.out.empty()) RETURN_IF_ERROR(WriteFile(arguments.out, json));

@@ -23,11 +23,14 @@
 namespace depthtween::tools {
 namespace {
 
-absl::Status PrintValidation(const Task& task) {
-  ASSIGN_OR_RETURN(const nlohmann::json answer, ValidateTask(task));
-  std::cout << Dump(answer) << std::flush;
+absl::Status Print(const absl::StatusOr<nlohmann::json>& answer) {
+  RETURN_IF_ERROR(answer.status());
+  std::cout << Dump(*answer) << std::flush;
   return std::cout ? absl::OkStatus() : absl::InternalError("cannot write the answer to stdout");
 }
+
+absl::Status PrintValidation(const Task& task) { return Print(ValidateTask(task)); }
+absl::Status PrintUnpacking(const Task& task) { return Print(UnpackTask(task)); }
 
 // What a task writes: its answer, as a file, or frames and reports in a folder.
 enum class Writes { kNothing, kConstants, kFile, kFolder };
@@ -125,6 +128,19 @@ void AddTaskCommand(CLI::App& app, int* exit_code) {
   AddThreads(*validate, arguments->threads);
   validate->add_option("--max-pixels", arguments->max_pixels, "Most pixels of all frames together (default: no limit)")
       ->check(CLI::PositiveNumber)
+      ->type_name("N");
+
+  CLI::App* const unpack = add("unpack",
+                               "Unpack a recording that came as a zip archive, and print what is wrong with it, "
+                               "as JSON (exit code 0)",
+                               Writes::kFolder, PrintUnpacking);
+  unpack->add_option("--archive", arguments->archive, "Its name in the sequence folder")->required()->type_name("NAME");
+  unpack->add_option("--out", arguments->out, "Folder to write to")->required()->type_name("DIR");
+  unpack->add_option("--max-files", arguments->max_files, "Most files (default: no limit)")
+      ->check(CLI::PositiveNumber)
+      ->type_name("N");
+  unpack->add_option("--max-bytes", arguments->max_bytes, "Most bytes of all files together (default: no limit)")
+      ->check(CLI::NonNegativeNumber)
       ->type_name("N");
 
   CLI::App* const prepare = add("prepare", "Decide what is decided once per clip", Writes::kConstants, PrepareTask);

@@ -102,6 +102,7 @@ int Main(int argc, const char* const* argv) {
     AddRenderCommand(app, exit_code);
     AddSyncCommand(app, exit_code);
     AddTaskCommand(app, exit_code);
+    AddTaskHostCommand(app, Main);
   });
 }
 

@@ -149,7 +149,7 @@ class CausalRun {
 
   // A depth frame on the grid of its colour frame `frame`.
   absl::StatusOr<Image<float>> Measured(int depth_index, const Key& key, const Frame& frame) const {
-    ASSIGN_OR_RETURN(Image<float> depth, source_.Depth(depth_index));
+    ASSIGN_OR_RETURN(Image<float> depth, ReadDepthFrame(source_, depth_index));
     if (key.toward < 0) return depth;
     ASSIGN_OR_RETURN(const Frame toward, ReadFrame(key.toward));
     ASSIGN_OR_RETURN(const Image<Flow2> flow, DenseFlow(frame.luma, toward.luma, kNeighbourFlow));
@@ -161,15 +161,16 @@ class CausalRun {
     key_ = LocateKey(source_.sequence(), depth_index);
     ASSIGN_OR_RETURN(key_frame_, ReadFrame(key_.color_index));
     key_frame_.composed = Image<Flow2>(key_frame_.color.width(), key_frame_.color.height());
-    ASSIGN_OR_RETURN(Image<float> measured, Measured(depth_index, key_, key_frame_));
+    ASSIGN_OR_RETURN(key_measured_m_, Measured(depth_index, key_, key_frame_));
+    Image<float> settled = key_measured_m_.Clone();
     if (options_.settle_reach > 0 && depth_index > 0) {
-      ASSIGN_OR_RETURN(const Image<float> depth, source_.Depth(depth_index - 1));
+      ASSIGN_OR_RETURN(const Image<float> depth, ReadDepthFrame(source_, depth_index - 1));
       ASSIGN_OR_RETURN(const Image<Rgb8> color,
                        source_.Color(LocateKey(source_.sequence(), depth_index - 1).color_index));
       const std::vector<DepthWitness> witnesses = {{depth, color}};
-      measured = SettleWhereStill(measured, key_frame_.color, witnesses, noise_, context_.threads);
+      settled = SettleWhereStill(settled, key_frame_.color, witnesses, noise_, context_.threads);
     }
-    PrepareKey(measured, key_frame_.color, noise_, context_.threads, key_);
+    PrepareKey(settled, key_frame_.color, noise_, context_.threads, key_);
     if (options_.thin) thin_things_.emplace(key_, key_frame_.color, noise_);
     last_.clear();
     return absl::OkStatus();
@@ -381,7 +382,7 @@ class CausalRun {
         .depth_m = MedianNearJumps(frame.fused, frame.color, witnesses, options_.median_radius, noise_, threads)};
     result.sigma_m = PredictSigma(result.depth_m, frame.fused, noise_, kAfterKey, threads);
     result.provenance = frame.fused.provenance.Clone();
-    if (frame.index == key_.color_index) MarkMeasured(key_, result.provenance);
+    if (frame.index == key_.color_index) MarkMeasured(key_, key_measured_m_, result.provenance);
     return result;
   }
 
@@ -413,6 +414,7 @@ class CausalRun {
   StageRunner stages_;
 
   Key key_;
+  Image<float> key_measured_m_;  // its depth frame, in the place of the colour frame it is seen in
   Frame key_frame_;
   std::optional<ThinMotion> thin_things_;  // of the key, followed up to the frame computed last
   Image<float> trend_mps_;  // per pixel of the key, metres a second; 0 where it stands still or nothing is known

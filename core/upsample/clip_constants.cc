@@ -1,8 +1,11 @@
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_format.h"
+#include "core/fill/mixed_rim.h"
 #include "core/fill/noise_samples.h"
+#include "core/sequence/depth_scale.h"
 #include "core/upsample/keys.h"
 #include "core/upsample/upsampler.h"
 
@@ -10,8 +13,6 @@ namespace depthtween {
 namespace {
 
 constexpr int kSampledKeys = 16;
-// Depths outside are hardly those of a room, a stage or a street: most likely depth_scale is wrong.
-constexpr double kPlausibleMedianNear = 0.1, kPlausibleMedianFar = 30.0;
 
 }  // namespace
 
@@ -21,12 +22,15 @@ absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source, b
   const int sampled = std::min(keys, kSampledKeys);
   NoiseSamples noise, noise_over_time;
   std::vector<float> depths;
+  int64_t mixed = 0, known = 0;
   for (int i = 0; i < sampled; ++i) {
     const int key = sampled == 1 ? 0 : static_cast<int>(static_cast<int64_t>(i) * (keys - 1) / (sampled - 1));
-    ASSIGN_OR_RETURN(const Image<float> depth, source.Depth(key));
+    ASSIGN_OR_RETURN(Image<float> depth, source.Depth(key));
+    mixed += DropMixedRim(depth);
+    for (size_t p = 0; p < depth.pixel_count(); ++p) known += depth.data()[p] > 0 ? 1 : 0;
     if (i == 0 || !noise_of_first_key) noise.AddOverSpace(depth);
     if (key + 1 < keys && !noise_of_first_key) {
-      ASSIGN_OR_RETURN(const Image<float> next, source.Depth(key + 1));
+      ASSIGN_OR_RETURN(const Image<float> next, ReadDepthFrame(source, key + 1));
       ASSIGN_OR_RETURN(const Image<Rgb8> color, source.Color(LocateKey(sequence, key).color_index));
       ASSIGN_OR_RETURN(const Image<Rgb8> next_color, source.Color(LocateKey(sequence, key + 1).color_index));
       noise_over_time.AddOverTime({color, depth}, {next_color, next});
@@ -57,11 +61,13 @@ absl::StatusOr<ClipConstants> EstimateClipConstants(const FrameSource& source, b
   constants.noise_b_per_m = fitted.b_per_m;
   constants.preview_near_m = (1 - kPreviewMargin) * percentile(0.01);
   constants.preview_far_m = (1 + kPreviewMargin) * percentile(0.99);
-  if (constants.median_depth_m < kPlausibleMedianNear || constants.median_depth_m > kPlausibleMedianFar)
-    constants.warnings.push_back(
-        absl::StrFormat("camera.depth_scale = %g implies a median depth of %g m, which is hardly what was filmed: "
-                        "check the units per metre",
-                        sequence.depth_scale, constants.median_depth_m));
+  if (auto warning = ImplausibleDepthScale(constants.median_depth_m, sequence.depth_scale))
+    constants.warnings.push_back(*std::move(warning));
+  if (mixed > 0)
+    constants.warnings.push_back(absl::StrFormat(
+        "%.1f %% of the measurements, all beside unknown pixels, are far nearer than their surface and are taken for "
+        "unknown: the depth maps were resampled with unknown (0) taken for a depth; resample them by nearest neighbour",
+        100.0 * static_cast<double>(mixed) / static_cast<double>(mixed + known)));
   return constants;
 }
 

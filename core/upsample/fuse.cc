@@ -1,7 +1,9 @@
 #include "core/upsample/fuse.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <utility>
 
 #include "core/base/parallel.h"
@@ -18,6 +20,11 @@ constexpr int kReach = 15, kStride = 5, kFewest = 5;
 // A change that three in four neighbours share within this share of depth is that of their surface, not of another
 // one's, unless one match is worse by more than the cost, sRGB units.
 constexpr float kShared = 0.025F, kSharedCost = 8.0F;
+// A surface that goes from one depth to another appears larger by their ratio. What it is seen to grow by may differ by
+// this share of that, in logarithms, since it may turn as well; its colours, seen larger or smaller, may match worse by
+// the cost; and so many neighbours at least must tell.
+constexpr float kGrowth = 0.4F, kTravelledCost = 16.0F;
+constexpr size_t kFewestTelling = 10;
 // The changes of neighbours about whom the keys agree count by their mean if they deviate by less than this share of
 // depth from it ...
 constexpr float kSteady = 0.015F;
@@ -40,6 +47,31 @@ class DistanceInKey {
 
  private:
   ImageView<const float> distance_;
+};
+
+// By how much places of a target frame are further apart in the second key than in the first.
+class Growth {
+ public:
+  // A place at (dx, dy) from another that stays the same, and its motions to the keys.
+  void Add(int dx, int dy, Flow2 to_first, Flow2 to_second) {
+    const auto x = static_cast<float>(dx), y = static_cast<float>(dy);
+    const float u0 = x + to_first.u, v0 = y + to_first.v, u1 = x + to_second.u, v1 = y + to_second.v;
+    ++count_;
+    u0_ += u0, v0_ += v0, u1_ += u1, v1_ += v1;
+    squares_ += u0 * u0 + v0 * v0;
+    products_ += u0 * u1 + v0 * v1;
+  }
+  bool Is(float ratio) const {
+    const auto n = static_cast<float>(count_);
+    const float variance = squares_ - (u0_ * u0_ + v0_ * v0_) / n, covariance = products_ - (u0_ * u1_ + v0_ * v1_) / n;
+    if (variance <= 0 || covariance <= 0) return false;
+    const float expected = std::log(ratio);
+    return std::abs(std::log(covariance / variance) - expected) <= kGrowth * std::abs(expected);
+  }
+
+ private:
+  int count_ = 0;
+  float u0_ = 0, v0_ = 0, u1_ = 0, v1_ = 0, squares_ = 0, products_ = 0;
 };
 
 // How the keys' answers change, from the first to the second, around a pixel in the layer of what one of them says
@@ -74,6 +106,42 @@ SurfaceChange ChangeAround(const Choice& choice, int x, int y, int side, const D
       result.mean_m = mean;
   }
   return result;
+}
+
+// The change that three in four neighbours of the pixel's layer share, however large, if they move apart as places of a
+// surface do that changes its depth so. 0 if there is none.
+float TravelAround(const Choice& choice, int x, int y, int side, const DepthNoise& noise) {
+  const SideChoice &first = choice.sides[0], &second = choice.sides[1];
+  const float here = choice.sides[side].depth_m(x, y);
+  constexpr int kAcross = 2 * kReach / kStride + 1;
+  constexpr size_t kMost = kAcross * kAcross;
+  std::array<std::pair<int, int>, kMost> places{};
+  std::array<float, kMost> changes{}, sorted{};
+  size_t count = 0;
+  for (int ny = y - kReach; ny <= y + kReach; ny += kStride)
+    for (int nx = x - kReach; nx <= x + kReach; nx += kStride) {
+      if (!first.depth_m.Contains(nx, ny)) continue;
+      const float a = first.depth_m(nx, ny), b = second.depth_m(nx, ny);
+      if (a <= 0 || b <= 0 || !SameLayer(side == 0 ? a : b, here, noise)) continue;
+      places[count] = {nx, ny};
+      changes[count++] = b - a;
+    }
+  if (count < kFewestTelling) return 0;
+  // Of values three quarters of which are close together, the middle one is among those.
+  std::copy_n(changes.begin(), count, sorted.begin());
+  std::nth_element(sorted.begin(), sorted.begin() + count / 2, sorted.begin() + count);
+  const float change = sorted[count / 2];
+  Growth growth;
+  size_t like = 0;
+  for (size_t i = 0; i < count; ++i) {
+    if (std::abs(changes[i] - change) > kShared * here) continue;
+    const auto [nx, ny] = places[i];
+    growth.Add(nx - x, ny - y, first.motion(nx, ny), second.motion(nx, ny));
+    ++like;
+  }
+  const float before = side == 0 ? here : here - change, after = side == 0 ? here + change : here;
+  if (4 * like < 3 * count || before <= 0 || after <= 0 || !growth.Is(before / after)) return 0;
+  return change;
 }
 
 // The mean changes of surfaces on a grid of pixels, for the pixels between them that lie in the same layer.
@@ -129,8 +197,8 @@ class ChangeGrid {
 Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
   const int width = choice.uncertain.width(), height = choice.uncertain.height();
   const float tau = std::clamp(input.tau, 0.0F, 1.0F);
-  Fused out{Image<float>(width, height), Image<float>(width, height), Image<float>(width, height),
-            Image<Provenance>(width, height), Image<uint8_t>(width, height)};
+  Fused out{Image<float>(width, height),      Image<float>(width, height),   Image<float>(width, height),
+            Image<Provenance>(width, height), Image<uint8_t>(width, height), Image<uint8_t>(width, height)};
   const ChangeGrid changes(choice, input.noise, threads);
   const SideChoice &before = choice.sides[0], &after = choice.sides[1];
   const DistanceInKey in_before(input.keys[0]), in_after(input.keys[1]);
@@ -144,7 +212,7 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
       float *const depths = out.depth_m.row(y), *const all_changes = out.change_m.row(y);
       float* const confidences = out.confidence.row(y);
       Provenance* const provenances = out.provenance.row(y);
-      uint8_t* const all_confirmed = out.confirmed.row(y);
+      uint8_t *const all_travelled = out.travelled.row(y), *const all_confirmed = out.confirmed.row(y);
       for (int x = 0; x < width; ++x) {
         const float z0 = all_z0[x], z1 = all_z1[x];
         if (z0 <= 0 && z1 <= 0) continue;
@@ -165,8 +233,13 @@ Fused Fuse(const ChooseInput& input, const Choice& choice, int threads) {
         } else {
           const SurfaceChange around = ChangeAround(choice, x, y, first ? 0 : 1, input.noise);
           const bool shared = around.shared && gap <= kOneSurface * nearer && costs_differ <= kSharedCost;
-          depths[x] = shared ? linear : first ? z0 + tau * around.mean_m : z1 - (1 - tau) * around.mean_m;
-          by_both = false;
+          const float travel = shared ? 0 : TravelAround(choice, x, y, first ? 0 : 1, input.noise);
+          const bool travelled = travel != 0 && nearer > 0 && costs_differ <= kTravelledCost &&
+                                 std::abs(z1 - z0 - travel) <= kShared * (first ? z0 : z1);
+          const float change = travel != 0 ? travel : around.mean_m;
+          depths[x] = shared || travelled ? linear : first ? z0 + tau * change : z1 - (1 - tau) * change;
+          all_travelled[x] = travelled;
+          by_both = travelled;
         }
         if (nearer > 0) all_changes[x] = z1 - z0;
         confidences[x] = (first ? fit0 : fit1) + 1e-3F;

@@ -14,7 +14,8 @@ namespace depthtween {
 
 // A match worse by this, in sRGB units, has 1/e of the confidence.
 constexpr float kCostScale = 4.0F;
-// Answers further apart than this share of the depth are about two surfaces.
+// Answers further apart than this share of the depth are about two surfaces, unless the surface is seen to grow or
+// shrink as one does that comes so much nearer or goes so much farther away.
 constexpr float kOneSurface = 0.20F;
 
 struct Fused {
@@ -23,6 +24,7 @@ struct Fused {
   Image<float> confidence;  // of the vote in the weighted median, 0..1
   Image<Provenance> provenance;
   Image<uint8_t> confirmed;  // 1 where both keys measured it and agree: no vote of neighbours can know better
+  Image<uint8_t> travelled;  // 1 where one surface has changed its depth by more than kOneSurface
 };
 
 // Where the sides agree: their mean, weighted by match and closeness in time, after each has gone its share of the way

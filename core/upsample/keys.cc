@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "core/fill/key_cleaning.h"
+#include "core/fill/mixed_rim.h"
 
 namespace depthtween {
 namespace {
@@ -24,6 +25,12 @@ Key LocateKey(const Sequence& sequence, int depth_index) {
                                     static_cast<double>(color[neighbour].time_ns - color[key.color_index].time_ns));
   key.toward = neighbour;
   return key;
+}
+
+absl::StatusOr<Image<float>> ReadDepthFrame(const FrameSource& source, int depth_index) {
+  ASSIGN_OR_RETURN(Image<float> depth_m, source.Depth(depth_index));
+  DropMixedRim(depth_m);
+  return depth_m;
 }
 
 Image<float> MoveDepthToColorFrame(ImageView<const float> depth_m, ImageView<const Flow2> flow_to_neighbour,
@@ -48,11 +55,11 @@ void PrepareKey(ImageView<const float> depth_m, ImageView<const Rgb8> color, con
   key.image = MatchImage(color);
 }
 
-void MarkMeasured(const Key& key, ImageView<Provenance> provenance) {
+void MarkMeasured(const Key& key, ImageView<const float> depth_frame_m, ImageView<Provenance> provenance) {
   if (key.toward >= 0) return;
   for (int y = 0; y < provenance.height(); ++y)
     for (int x = 0; x < provenance.width(); ++x)
-      if (key.distance(x, y) == 0) provenance(x, y) = Provenance::kMeasured;
+      if (key.distance(x, y) == 0 && depth_frame_m(x, y) > 0) provenance(x, y) = Provenance::kMeasured;
 }
 
 }  // namespace depthtween

@@ -24,6 +24,9 @@ struct Key {
   MatchImage image;
 };
 
+// A depth frame of the recording without a rim of mixtures (core/fill/mixed_rim.h): how all stages read it.
+absl::StatusOr<Image<float>> ReadDepthFrame(const FrameSource& source, int depth_index);
+
 // Which colour frame a depth frame belongs to. (That of a frame stamped within jitter of it: PairDepthWithinJitter.)
 Key LocateKey(const Sequence& sequence, int depth_index);
 
@@ -36,9 +39,9 @@ Image<float> MoveDepthToColorFrame(ImageView<const float> depth_m, ImageView<con
 void PrepareKey(ImageView<const float> depth_m, ImageView<const Rgb8> color, const DepthNoise& noise, int threads,
                 Key& key);
 
-// The frame that a key is seen in shows what the sensor saw, unless the depth frame had to be moved to it: measured
-// pixels are marked so.
-void MarkMeasured(const Key& key, ImageView<Provenance> provenance);
+// The frame that a key is seen in shows what the sensor saw, unless the depth frame had to be moved to it: pixels that
+// `depth_frame_m`, as it was read, holds are marked as measured. What other depth frames told of the others stays.
+void MarkMeasured(const Key& key, ImageView<const float> depth_frame_m, ImageView<Provenance> provenance);
 
 }  // namespace depthtween
 

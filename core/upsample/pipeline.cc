@@ -54,7 +54,7 @@ absl::StatusOr<Image<float>> Settle(const FrameSource& source, int depth_index, 
       ASSIGN_OR_RETURN(Image<Rgb8> there, source.Color(LocateKey(source.sequence(), other).color_index));
       const bool stood_still = CameraStoodStill(here, there);
       if (d > 1 && !stood_still) break;
-      ASSIGN_OR_RETURN(depth.emplace_back(), source.Depth(other));
+      ASSIGN_OR_RETURN(depth.emplace_back(), ReadDepthFrame(source, other));
       color.push_back(std::move(there));
       if (!stood_still) break;
     }
@@ -263,7 +263,7 @@ absl::Status Deliver(const Window& window, const Keys& keys, const NeighbourFlow
     result.sigma_m = PredictSigma(result.depth_m, fused[i], noise, kBetweenKeys, run.threads());
     result.provenance = fused[i].provenance.Clone();
     for (int side = 0; side < 2; ++side)
-      if (window.KeyFrame(side) == frame) MarkMeasured(keys[side], result.provenance);
+      if (window.KeyFrame(side) == frame) MarkMeasured(keys[side], window.measured_m[side], result.provenance);
     if (run.want_motion() && frame < static_cast<int>(flow.forward.size())) {
       result.motion_next = flow.forward[frame].Clone();
       result.motion_back = flow.backward[frame].Clone();
@@ -276,7 +276,7 @@ absl::Status Deliver(const Window& window, const Keys& keys, const NeighbourFlow
 // Outside the first and last key nothing says how depth goes on: the key stands still, and is marked so.
 absl::Status Hold(const FrameSource& source, const Interval& interval, const DepthNoise& noise, const FrameSink& sink) {
   const int key = interval.key_before >= 0 ? interval.key_before : interval.key_after;
-  ASSIGN_OR_RETURN(const Image<float> depth, source.Depth(key));
+  ASSIGN_OR_RETURN(const Image<float> depth, ReadDepthFrame(source, key));
   const int64_t key_time = source.sequence().depth[key].time_ns;
   for (int i = 0; i < interval.frame_count; ++i) {
     const int frame = interval.first_frame + i;

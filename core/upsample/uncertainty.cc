@@ -19,6 +19,11 @@ constexpr float kNoiseLeft = 0.12F;  // of the noise of a measurement: keys are 
 
 float Square(float value) { return value * value; }
 
+// Whether what the keys say of a pixel whose depth is `z` is said of one surface.
+bool OfOneSurface(const Fused& fused, int x, int y, float z) {
+  return std::abs(fused.change_m(x, y)) <= kOneSurface * z || fused.travelled(x, y) != 0;
+}
+
 // How the keys' answers about one surface change around each pixel, from the first key to the second: their mean, and
 // how far single pixels are from it. Where no neighbour tells, noise is what one expects.
 class LocalChanges {
@@ -28,7 +33,7 @@ class LocalChanges {
   };
 
   // Pixels near jumps, which may be of the wrong side, do not count.
-  LocalChanges(ImageView<const float> depth_m, ImageView<const float> change_m, ImageView<const uint8_t> near_jump,
+  LocalChanges(ImageView<const float> depth_m, const Fused& fused, ImageView<const uint8_t> near_jump,
                const DepthNoise& noise, int threads)
       : width_(depth_m.width()),
         across_((depth_m.width() + kCell - 1) / kCell),
@@ -38,14 +43,14 @@ class LocalChanges {
     for (int x = 0; x < width_; ++x) places_.push_back(Between(x, across_));
     const auto in_cell = [&](const Image<float>& of_cells, int x, int y) { return of_cells(x / kCell, y / kCell); };
     Image<float> sum(across_, down_), count(across_, down_);
-    ForAnswers(depth_m, change_m, near_jump, threads, [&](int x, int y, float change, float) {
+    ForAnswers(depth_m, fused, near_jump, threads, [&](int x, int y, float change, float) {
       sum(x / kCell, y / kCell) += change, ++count(x / kCell, y / kCell);
     });
     sum = Around(sum), count = Around(count);
     for (size_t i = 0; i < sum.pixel_count(); ++i)
       if (count.data()[i] > 0) mean_m_.data()[i] = sum.data()[i] / count.data()[i];
     Image<float> squares(across_, down_);
-    ForAnswers(depth_m, change_m, near_jump, threads, [&](int x, int y, float change, float z) {
+    ForAnswers(depth_m, fused, near_jump, threads, [&](int x, int y, float change, float z) {
       // Deviations wider than a layer are of another surface, and count as much as the widest.
       const float deviation = std::min(std::abs(change - in_cell(mean_m_, x, y)), WidestGap(z, noise));
       squares(x / kCell, y / kCell) += deviation * deviation;
@@ -88,16 +93,15 @@ class LocalChanges {
 
   // Calls body(x, y, change, depth) where both keys speak of one surface; a row of cells is one item.
   template <typename Body>
-  void ForAnswers(ImageView<const float> depth_m, ImageView<const float> change_m, ImageView<const uint8_t> near_jump,
-                  int threads, const Body& body) const {
+  void ForAnswers(ImageView<const float> depth_m, const Fused& fused, ImageView<const uint8_t> near_jump, int threads,
+                  const Body& body) const {
     ParallelRows(
         depth_m.height(), threads,
         [&](int begin, int end) {
           for (int y = begin; y < end; y += kStride)
             for (int x = 0; x < width_; x += kStride) {
-              const float z = depth_m(x, y), change = change_m(x, y);
-              if (z > 0 && change != 0 && !near_jump(x, y) && std::abs(change) <= kOneSurface * z)
-                body(x, y, change, z);
+              const float z = depth_m(x, y), change = fused.change_m(x, y);
+              if (z > 0 && change != 0 && !near_jump(x, y) && OfOneSurface(fused, x, y, z)) body(x, y, change, z);
             }
         },
         /*band=*/kCell);
@@ -126,7 +130,7 @@ Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, co
   const int width = depth_m.width(), height = depth_m.height();
   Image<float> sigma(width, height);
   const Image<uint8_t> near_jump = NearDepthJumps(depth_m, kJumpReach, noise, threads);
-  const LocalChanges around(depth_m, fused.change_m, near_jump, noise, threads);
+  const LocalChanges around(depth_m, fused, near_jump, noise, threads);
   ParallelRows(height, threads, [&](int begin, int end) {
     // Of each column, the nearest and the farthest depth within kJumpReach rows; +inf and 0 where all are unknown.
     std::vector<float> nearest(width), farthest(width);
@@ -158,7 +162,7 @@ Image<float> PredictSigma(ImageView<const float> depth_m, const Fused& fused, co
         const float mismatch = -kCostScale * std::log(fused.confidence(x, y));  // the cost again, sRGB units
         const float wrong_side = (weights.step + weights.step_per_cost * mismatch) * step;
         const float change = changes[x];
-        const bool one_surface = std::abs(change) <= kOneSurface * z;
+        const bool one_surface = OfOneSurface(fused, x, y, z);
         const float disagreement = change == 0   ? 0
                                    : one_surface ? weights.one_surface * (change - local.mean_m[x])
                                                  : (step > 0 ? weights.two_surfaces : weights.hidden_once) * change;

@@ -32,7 +32,7 @@ absl::StatusOr<Window> ReadWindow(const FrameSource& source, const Interval& int
   window.luma.resize(count);
   RETURN_IF_ERROR(run.SideBySide(count + 2, [&](int i) -> absl::Status {
     if (i < 2) {
-      ASSIGN_OR_RETURN(window.measured_m[i], source.Depth(depth_index[i]));
+      ASSIGN_OR_RETURN(window.measured_m[i], ReadDepthFrame(source, depth_index[i]));
       return absl::OkStatus();
     }
     ASSIGN_OR_RETURN(window.color[i - 2], source.Color(first + i - 2));

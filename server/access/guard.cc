@@ -79,7 +79,18 @@ absl::StatusOr<std::unique_ptr<Guard>> Guard::Open(const GuardOptions& options) 
   return guard;
 }
 
-Guard::Guard(GuardOptions options) : options_(std::move(options)) {}
+Guard::Guard(GuardOptions options)
+    : options_(std::move(options)), max_calls_per_second_(options_.max_calls_per_second) {}
+
+absl::Status Guard::SetMaxCallsPerSecond(double calls) {
+  // NaN fails the comparison too.
+  if (!(calls >= 0)) {
+    return BadField("limits.max_calls_per_second",
+                    absl::StrFormat("limits.max_calls_per_second = %g, must be >= 0 (0: no limit)", calls));
+  }
+  max_calls_per_second_ = calls;
+  return absl::OkStatus();
+}
 
 absl::StatusOr<Caller> Guard::Admit(const Credentials& credentials, const Needs& needs, std::string_view resource) {
   absl::StatusOr<Caller> caller = Caller{.tenant = Tenant(kDefaultTenant), .token_id = {}};
@@ -174,7 +185,7 @@ std::string Guard::LinkSignature(std::string_view tenant, std::string_view resou
 }
 
 absl::Status Guard::CountCall(const Tenant& tenant) {
-  const double rate = options_.max_calls_per_second;
+  const double rate = max_calls_per_second_;
   if (rate == 0) return absl::OkStatus();
   const std::lock_guard lock(mutex_);
   const absl::Time now = absl::Now();

@@ -6,6 +6,7 @@
 #ifndef DEPTHTWEEN_SERVER_ACCESS_GUARD_H_
 #define DEPTHTWEEN_SERVER_ACCESS_GUARD_H_
 
+#include <atomic>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -48,6 +49,10 @@ class Guard {
 
   bool asks_for_tokens() const { return !options_.token_file.empty(); }
 
+  // Of GuardOptions; it may be changed at any time. InvalidArgument (BAD_FIELD) if below 0.
+  double max_calls_per_second() const { return max_calls_per_second_; }
+  absl::Status SetMaxCallsPerSecond(double calls);
+
   // Who calls. `resource` is the name of the resource that the call is about.
   // Unauthenticated (reasons NO_TOKEN, BAD_TOKEN, EXPIRED_TOKEN, BAD_LINK); PermissionDenied (WRONG_SCOPE) with the
   // scope that is missing, also for a link where none is enough; ResourceExhausted (LIMIT_EXCEEDED,
@@ -79,6 +84,7 @@ class Guard {
   std::string LinkSignature(std::string_view tenant, std::string_view resource, std::string_view expiry) const;
 
   const GuardOptions options_;
+  std::atomic<double> max_calls_per_second_;
   std::string link_key_;
   std::mutex mutex_;
   Tokens tokens_;                                       // guarded by mutex_; null: no token file

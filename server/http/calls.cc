@@ -18,6 +18,7 @@
 #include <utility>
 
 #include "absl/strings/ascii.h"
+#include "absl/time/clock.h"
 #include "server/telemetry/request_id.h"
 
 namespace depthtween::server {
@@ -33,20 +34,10 @@ bool IsMetadataValue(std::string_view value) {
          std::all_of(value.begin(), value.end(), [](char c) { return c >= ' ' && c <= '~'; });
 }
 
-// W3C trace context, version 00: 00-<32 hexadecimal digits>-<16>-<2>.
-bool IsTraceparent(std::string_view value) {
-  constexpr std::string_view kShape = "00-xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx-xxxxxxxxxxxxxxxx-xx";
-  if (value.size() != kShape.size()) return false;
-  for (size_t i = 0; i < value.size(); ++i) {
-    const char c = value[i];
-    const bool fits = kShape[i] == 'x' ? absl::ascii_isdigit(c) || (c >= 'a' && c <= 'f') : c == kShape[i];
-    if (!fits) return false;
-  }
-  return true;
-}
-
 void FillContext(const HttpRequest& request, grpc::ClientContext& context) {
   for (const auto& [key, value] : CallMetadata(request)) context.AddMetadata(key, value);
+  const std::optional<absl::Duration> timeout = ParseGrpcTimeout(request.Header("grpc-timeout").value_or(""));
+  if (timeout) context.set_deadline(absl::ToChronoTime(absl::Now() + *timeout));
 }
 
 grpc::ByteBuffer Serialize(const google::protobuf::Message& message) {
@@ -94,22 +85,47 @@ std::map<std::string, std::string> CallMetadata(const HttpRequest& request) {
   if (const auto authorization = request.Header("authorization"); authorization && IsMetadataValue(*authorization)) {
     metadata["authorization"] = *authorization;
   }
-  if (const auto trace = request.Header("traceparent"); trace && IsTraceparent(*trace)) {
-    metadata["traceparent"] = *trace;
-  }
+  if (!request.traceparent.empty()) metadata[kTraceparentKey] = request.traceparent;
   if (const auto signature = request.Query("signature"); signature && IsMetadataValue(*signature)) {
     metadata["depthtween-link"] = *signature;
   }
   return metadata;
 }
 
+std::optional<absl::Duration> ParseGrpcTimeout(std::string_view text) {
+  constexpr size_t kMaxDigits = 8;
+  if (text.size() < 2 || text.size() > kMaxDigits + 1) return std::nullopt;
+  int64_t count = 0;
+  for (const char c : text.substr(0, text.size() - 1)) {
+    if (!absl::ascii_isdigit(static_cast<unsigned char>(c))) return std::nullopt;
+    count = 10 * count + (c - '0');
+  }
+  switch (text.back()) {
+    case 'H':
+      return absl::Hours(count);
+    case 'M':
+      return absl::Minutes(count);
+    case 'S':
+      return absl::Seconds(count);
+    case 'm':
+      return absl::Milliseconds(count);
+    case 'u':
+      return absl::Microseconds(count);
+    case 'n':
+      return absl::Nanoseconds(count);
+    default:
+      return std::nullopt;
+  }
+}
+
 // ---- the channel ----
 
-class RpcChannel::Open {
- public:
-  explicit Open(std::shared_ptr<grpc::Channel> channel) : stub_(std::move(channel)) {}
+namespace {
 
-  grpc::GenericStub& stub() { return stub_; }
+// How many calls gRPC knows of. What gRPC calls back keeps this and never the channel: whoever drops the last reference
+// to a channel ends gRPC's threads for callbacks, and one of these cannot wait for its own end (grpc/grpc#32584).
+class OpenCalls {
+ public:
   void Enter() {
     const std::lock_guard lock(mutex_);
     ++calls_;
@@ -124,15 +140,28 @@ class RpcChannel::Open {
   }
 
  private:
-  grpc::GenericStub stub_;
   std::mutex mutex_;
   std::condition_variable none_left_;
   int calls_ = 0;  // guarded by mutex_
 };
 
-RpcChannel::RpcChannel(std::shared_ptr<grpc::Channel> channel) : open_(std::make_shared<Open>(std::move(channel))) {}
+}  // namespace
 
-RpcChannel::~RpcChannel() { open_->WaitUntilNone(); }
+class RpcChannel::Open {
+ public:
+  explicit Open(std::shared_ptr<grpc::Channel> channel) : stub_(std::move(channel)) {}
+
+  grpc::GenericStub& stub() { return stub_; }
+  const std::shared_ptr<OpenCalls>& calls() const { return calls_; }
+
+ private:
+  grpc::GenericStub stub_;
+  const std::shared_ptr<OpenCalls> calls_ = std::make_shared<OpenCalls>();
+};
+
+RpcChannel::RpcChannel(std::shared_ptr<grpc::Channel> channel) : open_(std::make_unique<Open>(std::move(channel))) {}
+
+RpcChannel::~RpcChannel() { open_->calls()->WaitUntilNone(); }
 
 // ---- streams ----
 
@@ -140,14 +169,14 @@ RpcChannel::~RpcChannel() { open_->WaitUntilNone(); }
 class RpcCall::State : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>,
                        public std::enable_shared_from_this<RpcCall::State> {
  public:
-  State(std::shared_ptr<RpcChannel::Open> open, asio::any_io_executor executor)
-      : open_(std::move(open)), executor_(std::move(executor)) {}
+  State(std::shared_ptr<OpenCalls> calls, asio::any_io_executor executor)
+      : calls_(std::move(calls)), executor_(std::move(executor)) {}
 
-  void Start(const HttpRequest& request, const std::string& method) {
+  void Start(grpc::GenericStub& stub, const HttpRequest& request, const std::string& method) {
     self_ = shared_from_this();
-    open_->Enter();
+    calls_->Enter();
     FillContext(request, context_);
-    open_->stub().PrepareBidiStreamingCall(&context_, method, {}, this);
+    stub.PrepareBidiStreamingCall(&context_, method, {}, this);
     AddHold();  // operations start from outside of the reactor, until Release
     StartCall();
   }
@@ -173,18 +202,18 @@ class RpcCall::State : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::By
   void OnDone(const grpc::Status& status) override {
     // The executor may forget this before the next line is reached, and after Leave() there may be no executor: nothing
     // of it is held here any more by then.
-    const std::shared_ptr<RpcChannel::Open> open = open_;
+    const std::shared_ptr<OpenCalls> calls = calls_;
     asio::any_io_executor executor = executor_;
     std::shared_ptr<State> self = std::move(self_);
     asio::post(std::exchange(executor, {}), [self = std::move(self), status] {
       self->status = status;
       self->done.Set();
     });
-    open->Leave();
+    calls->Leave();
   }
 
  private:
-  const std::shared_ptr<RpcChannel::Open> open_;
+  const std::shared_ptr<OpenCalls> calls_;
   const asio::any_io_executor executor_;
   grpc::ClientContext context_;
   std::shared_ptr<State> self_;
@@ -201,8 +230,8 @@ class RpcCall::State : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::By
 };
 
 RpcCall::RpcCall(RpcChannel& channel, Exchange& exchange, const std::string& method)
-    : state_(std::make_shared<State>(channel.open(), exchange.executor())) {
-  state_->Start(exchange.request(), method);
+    : state_(std::make_shared<State>(channel.open().calls(), exchange.executor())) {
+  state_->Start(channel.open().stub(), exchange.request(), method);
   gone_ = exchange.WhenGone([state = state_] { state->Cancel(); });
 }
 
@@ -302,18 +331,18 @@ asio::awaitable<grpc::Status> CallUnary(RpcChannel& channel, Exchange& exchange,
   auto state = std::make_shared<UnaryState>(executor);
   state->request = request;
   FillContext(exchange.request(), state->context);
-  std::shared_ptr<RpcChannel::Open> open = channel.open();
-  open->Enter();
-  open->stub().UnaryCall(&state->context, method, {}, &state->request, &state->response,
-                         // As in RpcCall::State::OnDone.
-                         [state, executor, open](const grpc::Status& status) mutable {
-                           const std::shared_ptr<RpcChannel::Open> last = std::move(open);
-                           asio::post(std::exchange(executor, {}), [state = std::move(state), status] {
-                             state->status = status;
-                             state->done.Set();
-                           });
-                           last->Leave();
-                         });
+  std::shared_ptr<OpenCalls> calls = channel.open().calls();
+  calls->Enter();
+  channel.open().stub().UnaryCall(&state->context, method, {}, &state->request, &state->response,
+                                  // As in RpcCall::State::OnDone.
+                                  [state, executor, calls](const grpc::Status& status) mutable {
+                                    const std::shared_ptr<OpenCalls> last = std::move(calls);
+                                    asio::post(std::exchange(executor, {}), [state = std::move(state), status] {
+                                      state->status = status;
+                                      state->done.Set();
+                                    });
+                                    last->Leave();
+                                  });
   const auto gone = exchange.WhenGone([state] { state->context.TryCancel(); });
   co_await state->done.Wait();
   response->Swap(&state->response);

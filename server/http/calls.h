@@ -1,9 +1,10 @@
 // gRPC calls as coroutines, by the full name of the method ("/depthtween.v1.JobService/GetJob"), over the server's own
 // channel: so that whatever comes over HTTP passes the same guard as what comes over gRPC.
 //
-// Every call carries, of the exchange it is made for: authorization, x-request-id, traceparent (if well-formed),
-// depthtween-peer (the client's address, never what a client says), and the query parameter "signature" as
-// depthtween-link. Nothing else of the client's headers. It is cancelled when the exchange's client goes away.
+// Every call carries, of the exchange it is made for: authorization, x-request-id, traceparent, the deadline that
+// grpc-timeout gives, depthtween-peer (the client's address, never what a client says), and the query parameter
+// "signature" as depthtween-link. Nothing else of the client's headers. It is cancelled when the exchange's client goes
+// away.
 //
 // Threads: everything on the exchange's executor. One read and one write of a stream may be waited for at the same
 // time.
@@ -19,6 +20,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "absl/time/time.h"
 #include "server/http/exchange.h"
@@ -32,6 +34,9 @@ namespace depthtween::server {
 // The metadata that a call for this request carries.
 std::map<std::string, std::string> CallMetadata(const HttpRequest& request);
 
+// "10S", as gRPC's PROTOCOL-HTTP2 has it: up to 8 digits and H, M, S, m, u or n. nullopt for anything else.
+std::optional<absl::Duration> ParseGrpcTimeout(std::string_view text);
+
 // What calls of any kind need of the server. Must outlive all calls made with it.
 class RpcChannel {
  public:
@@ -42,10 +47,10 @@ class RpcChannel {
   RpcChannel& operator=(const RpcChannel&) = delete;
 
   class Open;
-  const std::shared_ptr<Open>& open() const { return open_; }
+  Open& open() const { return *open_; }
 
  private:
-  std::shared_ptr<Open> open_;
+  const std::unique_ptr<Open> open_;
 };
 
 // One call. Of every kind: client-streaming calls write many, server-streaming calls read many.

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_join.h"
 
 namespace depthtween::server {
@@ -13,7 +14,8 @@ constexpr size_t kMaxRequestedHeaderBytes = 1024;
 // What scripts may read beside the few headers that they always may.
 constexpr char kExposedHeaders[] =
     "Content-Disposition, Content-Range, Content-Length, Accept-Ranges, ETag, Location, Retry-After, WWW-Authenticate, "
-    "x-request-id, grpc-status, grpc-message, grpc-status-details-bin, Tus-Resumable, Tus-Version, Tus-Extension, "
+    "x-request-id, traceparent, grpc-status, grpc-message, grpc-status-details-bin, Tus-Resumable, Tus-Version, "
+    "Tus-Extension, "
     "Tus-Max-Size, Tus-Checksum-Algorithm, Upload-Offset, Upload-Length, Upload-Expires, Upload-Metadata";
 
 bool IsAllowedOrigin(const std::vector<std::string>& allowed_origins, const std::string& origin) {
@@ -73,6 +75,17 @@ bool IsCrossSiteWrite(const std::vector<std::string>& allowed_origins, const Htt
   if (!origin || IsAllowedOrigin(allowed_origins, *origin)) return false;
   const std::string host = request.Header("Host").value_or("");
   return *origin != "http://" + host && *origin != "https://" + host;
+}
+
+bool IsAllowedHost(const std::vector<std::string>& allowed_hosts, const HttpRequest& request) {
+  if (allowed_hosts.empty()) return true;
+  std::string host = request.Header("Host").value_or("");
+  if (host.empty()) return true;  // HTTP/1.0, which no browser speaks
+  // "[::1]:8080" has colons before its port.
+  const size_t colon = host.find(':', host.front() == '[' ? host.find(']') : 0);
+  host = host.substr(0, colon);
+  return std::any_of(allowed_hosts.begin(), allowed_hosts.end(),
+                     [&host](const std::string& allowed) { return absl::EqualsIgnoreCase(allowed, host); });
 }
 
 }  // namespace depthtween::server

@@ -23,6 +23,10 @@ std::optional<HttpResponse> PreflightResponse(const std::vector<std::string>& al
 // send some of these without asking first, and a server that asks for no token must not take them.
 bool IsCrossSiteWrite(const std::vector<std::string>& allowed_origins, const HttpRequest& request);
 
+// Whether the request's Host, without its port, is one of these; of an empty list every one is. A page whose name leads
+// to this machine (DNS rebinding) names its own host, so a server without tokens is safe from it.
+bool IsAllowedHost(const std::vector<std::string>& allowed_hosts, const HttpRequest& request);
+
 // Whether it can be the value of an Origin header: "https://example.org", "http://localhost:5173", or "*".
 bool IsOrigin(std::string_view text);
 

@@ -146,10 +146,10 @@ awaitable<absl::StatusOr<ArchiveLayout>> MeasureArchive(RpcChannel& channel, Exc
   co_return builder.TakeLayout();
 }
 
-// The parts of an archive that are wanted, to the client.
-class ArchiveSender {
+// The parts of a representation that are wanted, to the client.
+class WindowSender {
  public:
-  ArchiveSender(Exchange& exchange, ByteWindow window) : exchange_(exchange), window_(window) {}
+  WindowSender(Exchange& exchange, ByteWindow window) : exchange_(exchange), window_(window) {}
 
   awaitable<absl::Status> Send(std::string_view bytes) {
     const std::string_view wanted = window_.Cut(bytes);
@@ -163,8 +163,24 @@ class ArchiveSender {
   ByteWindow window_;
 };
 
+// Sends what is wanted of the bytes that a call streams, from `chunk` on, its message that was read last, and ends the
+// answer. Not `more`: there is no such message, and nothing is wanted.
+template <typename Chunk>
+awaitable<void> SendBytes(Exchange& exchange, RpcCall* call, Chunk& chunk, bool more, ByteWindow window,
+                          const std::string& resource) {
+  WindowSender sender(exchange, window);
+  while (more && !sender.full()) {
+    const absl::Status sent = co_await sender.Send(chunk.data());
+    if (!sent.ok()) co_return;
+    more = co_await call->Read(&chunk);  // also behind the last one, so that the call ends well
+  }
+  if (!sender.full()) co_return LogCut(resource, "it ended before its last byte");
+  const absl::Status ended = co_await exchange.End();
+  (void)ended;
+}
+
 // Central headers are gathered, because each has but a hundred bytes.
-awaitable<absl::Status> SendDirectory(ArchiveSender& sender, const ZipIndex& index) {
+awaitable<absl::Status> SendDirectory(WindowSender& sender, const ZipIndex& index) {
   constexpr size_t kGatheredBytes = 64 << 10;
   std::string gathered;
   for (const ZipIndex::Entry& entry : index.entries()) {
@@ -225,16 +241,8 @@ awaitable<void> Downloads::SendFrame(Exchange& exchange, const FileRoute& route)
   const DownloadPlan plan = PlanDownload(exchange.request(), representation);
   const bool begun = co_await Begin(exchange, plan);
   if (!begun) co_return;
-  ArchiveSender sender(exchange, ByteWindow(plan.span.offset, plan.span.size));
-  while (more) {
-    const absl::Status sent = co_await sender.Send(chunk.data());
-    if (!sent.ok()) co_return;
-    if (sender.full()) break;
-    more = co_await call.Read(&chunk);
-  }
-  if (!sender.full()) co_return LogCut(route.resource, "the frame ended before its last byte");
-  const absl::Status ended = co_await exchange.End();
-  (void)ended;
+  const ByteWindow window(plan.span.offset, plan.span.size);
+  co_await SendBytes(exchange, &call, chunk, more, window, route.resource);
 }
 
 awaitable<void> Downloads::SendFile(Exchange& exchange, const FileRoute& route) {
@@ -285,16 +293,8 @@ awaitable<void> Downloads::SendFile(Exchange& exchange, const FileRoute& route) 
   }
   const bool begun = co_await Begin(exchange, plan);
   if (!begun) co_return;
-  int64_t left = plan.span.size;
-  while (more && left > 0) {
-    left -= static_cast<int64_t>(chunk.data().size());
-    const absl::Status sent = co_await exchange.Write(chunk.data());
-    if (!sent.ok()) co_return;
-    more = co_await call->Read(&chunk);
-  }
-  if (left != 0) co_return LogCut(route.resource, "the file ended before its last byte");
-  const absl::Status ended = co_await exchange.End();
-  (void)ended;
+  const ByteWindow window(0, plan.span.size);  // the call was told where to begin
+  co_await SendBytes(exchange, call ? &*call : nullptr, chunk, more, window, route.resource);
 }
 
 awaitable<void> Downloads::SendArchive(Exchange& exchange, const FileRoute& route) {
@@ -350,7 +350,7 @@ awaitable<void> Downloads::SendArchive(Exchange& exchange, const FileRoute& rout
     start_frame = entry < entries.size() ? known->frames[entry] : known->next_frame;
   }
   constexpr int64_t kAll = std::numeric_limits<int64_t>::max();
-  ArchiveSender sender(exchange, ByteWindow(plan.span.offset - offset, plan.content_length ? plan.span.size : kAll));
+  WindowSender sender(exchange, ByteWindow(plan.span.offset - offset, plan.content_length ? plan.span.size : kAll));
   ArchiveBuilder builder(folder);
   if (start_frame < output->frame_count()) {
     RpcCall call(channel_, exchange, kStreamFrames);

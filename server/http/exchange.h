@@ -41,6 +41,7 @@ struct HttpRequest {
   std::optional<uint64_t> content_length;          // of the body; nullopt if it comes in chunks. 0 without a body
   std::string peer;                                // "127.0.0.1:4711", "[::1]:4711"
   std::string request_id;                          // the client's x-request-id if it is acceptable, else a new one
+  std::string traceparent;                         // of this request, in the client's trace or in one of its own
 
   // The value of a header, trimmed; of one that is repeated, all values joined by ", ". nullopt without.
   std::optional<std::string> Header(std::string_view name) const;

@@ -81,7 +81,7 @@ std::vector<std::string_view> MethodsOf(FileRoute::Kind kind) {
     case FileRoute::Kind::kTusCreation:
       return {"OPTIONS", "POST"};
     case FileRoute::Kind::kTusUpload:
-      return {"HEAD", "OPTIONS", "PATCH", "POST"};
+      return {"DELETE", "HEAD", "OPTIONS", "PATCH", "POST"};
     case FileRoute::Kind::kUpload:
       return {"PUT"};
   }

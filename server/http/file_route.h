@@ -4,7 +4,8 @@
 //   GET, HEAD          /v1/jobs/J/outputs/O.zip              all frames of a job that SUCCEEDED
 //   GET, HEAD          /v1/jobs/J/outputs/O:download         an output that is one file
 //   POST               /v1/sequences/S/uploads:tus           tus 1.0: creation
-//   HEAD, PATCH, POST  /v1/sequences/S/uploads/U:tus         tus 1.0: any upload, also one made by StartUpload
+//   HEAD, PATCH, POST,
+//   DELETE             /v1/sequences/S/uploads/U:tus         tus 1.0: any upload, also one made by StartUpload
 //   PUT                /v1/sequences/S/uploads/U             with Content-Range, or all at once
 // Both routes of tus answer OPTIONS too.
 #ifndef DEPTHTWEEN_SERVER_HTTP_FILE_ROUTE_H_

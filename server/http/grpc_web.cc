@@ -82,6 +82,13 @@ asio::awaitable<void> AnswerGrpcWeb(std::shared_ptr<const GrpcWebRoute> route, E
     (void)co_await exchange.Respond(std::move(response));
     co_return;
   }
+  const std::optional<std::string> timeout = exchange.request().Header("grpc-timeout");
+  if (timeout && !ParseGrpcTimeout(*timeout)) {
+    const absl::Status wrong =
+        absl::InvalidArgumentError("grpc-timeout must be up to 8 digits and a unit: H, M, S, m, u or n, such as 10S");
+    co_await AnswerGrpcWebError(*form, wrong, exchange);
+    co_return;
+  }
   absl::StatusOr<std::string> body = co_await exchange.ReadBody(route->max_bytes);
   absl::StatusOr<std::string> message = body.ok() ? ParseGrpcWebRequest(*form, *body) : body.status();
   if (!message.ok()) {

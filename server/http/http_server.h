@@ -33,6 +33,8 @@ struct HttpServerOptions {
   TlsFiles tls;
   // Origins of web pages whose scripts may use this server, such as "https://example.org"; or "*".
   std::vector<std::string> allowed_origins;
+  // What requests may name in their Host header; empty: anything. See IsAllowedHost.
+  std::vector<std::string> allowed_hosts;
 
   int threads = 4;
   int max_connections = 1000;        // beyond them: 503, or just closed under TLS

@@ -15,9 +15,11 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "depthtween/v1/access.pb.h"
 #include "google/api/field_behavior.pb.h"
 #include "server/http/api.h"
 #include "server/http/api_descriptors.h"
+#include "server/http/openapi_files.h"
 
 namespace depthtween::server {
 namespace {
@@ -73,7 +75,7 @@ class OpenApiWriter {
           {"version", std::string(version)},
           {"description",
            "Depth video at the frame rate of colour video. The same methods as the gRPC package depthtween.v1."}}},
-        {"security", OrderedJson::array({OrderedJson{{"bearer", OrderedJson::array()}}})},
+        {"security", SecurityOf({})},
         {"paths", OrderedJson::object()}};
   }
 
@@ -85,6 +87,8 @@ class OpenApiWriter {
     if (const int binding = ++bindings_[id]; binding > 1) absl::StrAppend(&id, "_", binding);
     OrderedJson operation = {{"operationId", id}, {"tags", OrderedJson::array({descriptor.service()->name()})}};
     Describe(descriptor, operation);
+    operation["security"] =
+        SecurityOf({descriptor.options().GetExtension(v1::scope)}, descriptor.options().GetExtension(v1::signed_link));
     OrderedJson parameters = OrderedJson::array();
     for (const std::string& name : path.StarNames()) {
       parameters.push_back({{"name", name}, {"in", "path"}, {"required", true}, {"schema", {{"type", "string"}}}});
@@ -128,7 +132,16 @@ class OpenApiWriter {
                  {"tags", OrderedJson::array({"Server"})},
                  {"description", description},
                  {"responses", {{"200", {{"description", "OK"}}}}}};
-    if (open) operation["security"] = OrderedJson::array();
+    operation["security"] = open ? OrderedJson::array() : SecurityOf({"admin"});
+  }
+
+  // Routes that no descriptor tells of. A path may have operations already.
+  void AddFileRoutes() {
+    OrderedJson files = FileRoutesOfOpenApi();
+    for (auto& [path, operations] : files["paths"].items()) {
+      for (auto& [verb, operation] : operations.items()) document_["paths"][path][verb] = std::move(operation);
+    }
+    document_["components"] = std::move(files["components"]);
   }
 
   std::string Finish(const FileDescriptor& any_file) {
@@ -140,14 +153,19 @@ class OpenApiWriter {
       schemas_[SchemaName(message->full_name())] = MessageSchema(*message);
     }
     for (auto& [name, schema] : schemas_) schemas[name] = std::move(schema);
-    document_["components"] = {{"securitySchemes",
-                                {{"bearer",
-                                  {{"type", "http"},
-                                   {"scheme", "bearer"},
-                                   {"description",
-                                    "A token made by: depthtween-server token new. Not asked for where the "
-                                    "server has no tokens."}}}}},
-                               {"schemas", std::move(schemas)}};
+    document_["components"]["securitySchemes"] = {
+        {"bearer",
+         {{"type", "http"},
+          {"scheme", "bearer"},
+          {"description",
+           "A token made by: depthtween-server token new. Operations name the scopes that it must have. Not asked for "
+           "where the server has no tokens."}}},
+        {"signature",
+         {{"type", "apiKey"},
+          {"in", "query"},
+          {"name", "signature"},
+          {"description", "Of a signed link, instead of a token: for one output, or one job, and a while."}}}};
+    document_["components"]["schemas"] = std::move(schemas);
     return document_.dump(2) + "\n";
   }
 
@@ -317,6 +335,7 @@ absl::StatusOr<std::unique_ptr<CommentedApi>> CommentedApi::Load() {
 std::string OpenApiDocument(const std::vector<const FileDescriptor*>& files, std::string_view version) {
   OpenApiWriter writer(version);
   for (const ApiMethod& method : ApiMethods(files)) writer.AddMethod(method);
+  writer.AddFileRoutes();
   writer.AddPlain("/healthz", "Whether the process is up.");
   writer.AddPlain("/readyz", "Whether the server takes work; 503 if not.");
   writer.AddPlain("/metrics", "What the server counts and measures, in Prometheus' text format; for operators.",

@@ -27,8 +27,9 @@ class CommentedApi {
   std::vector<const google::protobuf::FileDescriptor*> files_;
 };
 
-// JSON. Every annotated method is an operation; every message and enum that one can reach is a schema; every operation
-// can fail with google.rpc.Status. Comments become descriptions where the descriptors have them.
+// JSON. Every annotated method and every route of files is an operation; every message and enum that one can reach is a
+// schema; every operation can fail with google.rpc.Status. Comments become descriptions where the descriptors have
+// them.
 std::string OpenApiDocument(const std::vector<const google::protobuf::FileDescriptor*>& files,
                             std::string_view version);
 

@@ -201,9 +201,9 @@ class Session::Request : public Exchange {
     const bool much_left = !parser_->is_done() && (expects_continue_ || !request().content_length ||
                                                    *request().content_length - received_ > kMaxDroppedBytes);
     if (much_left || session_.shared_.draining || status == 408) keep_alive_ = false;
-    std::string head =
-        absl::StrCat("HTTP/1.1 ", status, " ", std::string(HttpReason(status)), "\r\nDate: ", HttpDate(), "\r\n",
-                     kRequestIdKey, ": ", request().request_id, "\r\nX-Content-Type-Options: nosniff\r\n");
+    std::string head = absl::StrCat("HTTP/1.1 ", status, " ", std::string(HttpReason(status)), "\r\nDate: ", HttpDate(),
+                                    "\r\n", kRequestIdKey, ": ", request().request_id, "\r\n", kTraceparentKey, ": ",
+                                    request().traceparent, "\r\nX-Content-Type-Options: nosniff\r\n");
     const auto add = [&head](const std::string& name, const std::string& value) {
       absl::StrAppend(&head, name, ": ", OneLine(value), "\r\n");
     };
@@ -404,6 +404,7 @@ asio::awaitable<bool> Session::ServeOne() {
   }
   request.peer = peer_;
   request.request_id = ChooseRequestId(request.Header(kRequestIdKey).value_or(""));
+  request.traceparent = ContinueTrace(request.Header(kTraceparentKey).value_or(""));
 
   const absl::Time start = absl::Now();
   const bool health = request.path == "/healthz";
@@ -422,6 +423,11 @@ asio::awaitable<bool> Session::ServeOne() {
                  "%d requests are being answered, which is the limit; try again later", options.max_requests)));
     busy.headers.emplace_back("Retry-After", "1");
     (void)co_await exchange.Respond(std::move(busy));
+  } else if (!IsAllowedHost(options.allowed_hosts, exchange.request())) {
+    HttpResponse refused = ErrorResponse(absl::PermissionDeniedError(
+        "this server does not answer under this Host, so that no web page can lead a browser here; the operator allows "
+        "names by --allow-host"));
+    (void)co_await exchange.Respond(std::move(refused));
   } else if (IsCrossSiteWrite(options.allowed_origins, exchange.request())) {
     HttpResponse refused = ErrorResponse(absl::PermissionDeniedError(
         "pages of this origin may not change anything here; the operator allows origins by --allow-origin"));
@@ -466,6 +472,7 @@ asio::awaitable<bool> Session::ServeOne() {
        {"status", absl::StrCat(status)},
        {"ms", absl::StrFormat("%.1f", absl::ToDoubleMilliseconds(absl::Now() - start))},
        {"request", exchange.request().request_id},
+       {"trace", TraceOf(exchange.request().traceparent)},
        {"peer", peer_},
        {"detail", failure.empty() && exchange.gone() ? "the client is gone" : failure}});
   // A body that is cut must not look whole.

@@ -35,6 +35,7 @@ const EVP_MD* DigestOf(std::string_view algorithm) { return algorithm == "sha1" 
 absl::StatusOr<std::map<std::string, std::string>> ParseUploadMetadata(std::string_view header) {
   constexpr char kRule[] = "pairs \"key base64\" with commas between them, each key once";
   std::map<std::string, std::string> result;
+  if (!IsPrintable(header)) return BadHeader("Upload-Metadata", header, kRule);
   for (absl::string_view pair : absl::StrSplit(absl::string_view(header.data(), header.size()), ',')) {
     pair = absl::StripAsciiWhitespace(pair);
     const std::pair<absl::string_view, absl::string_view> parts = absl::StrSplit(pair, absl::MaxSplits(' ', 1));
@@ -74,6 +75,10 @@ absl::StatusOr<TusFile> ReadTusFile(std::string_view upload_metadata) {
     return BadHeader("Upload-Metadata sha256", file.sha256, "64 hexadecimal digits or 32 bytes");
   }
   return file;
+}
+
+std::string TusTime(absl::Time time) {
+  return absl::FormatTime("%a, %d %b %Y %H:%M:%S GMT", time, absl::UTCTimeZone());
 }
 
 absl::StatusOr<UploadChecksum> ParseUploadChecksum(std::string_view header) {

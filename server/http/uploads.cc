@@ -1,5 +1,6 @@
 #include "server/http/uploads.h"
 
+#include <google/protobuf/empty.pb.h>
 #include <google/protobuf/util/json_util.h>
 
 #include <algorithm>
@@ -27,6 +28,7 @@ using boost::asio::awaitable;
 
 constexpr char kStartUpload[] = "/depthtween.v1.SequenceService/StartUpload";
 constexpr char kWriteUpload[] = "/depthtween.v1.SequenceService/WriteUpload";
+constexpr char kDeleteUpload[] = "/depthtween.v1.SequenceService/DeleteUpload";
 constexpr char kGetUpload[] = "/depthtween.v1.SequenceService/GetUpload";
 
 // Of one message: the store's limit is four times as much, and larger ones are not faster.
@@ -312,6 +314,12 @@ HttpResponse TusOptions() {
   return response;
 }
 
+// Until when an upload is kept, if that is not for ever.
+void AddExpiry(const v1::Upload& upload, HttpResponse& response) {
+  if (!upload.has_expire_time()) return;
+  response.headers.emplace_back("Upload-Expires", TusTime(absl::FromUnixSeconds(upload.expire_time().seconds())));
+}
+
 // What the creation of an upload asks for.
 absl::StatusOr<v1::StartUploadRequest> ReadCreation(const HttpRequest& http, const std::string& parent) {
   if (http.Header("upload-defer-length")) {
@@ -326,6 +334,7 @@ absl::StatusOr<v1::StartUploadRequest> ReadCreation(const HttpRequest& http, con
   v1::StartUploadRequest request;
   request.set_parent(parent);
   request.set_request_id(file.request_id);
+  request.mutable_upload()->set_metadata(http.Header("upload-metadata").value_or(""));
   v1::Upload::File* added = request.mutable_upload()->add_files();
   added->set_path(file.path);
   added->set_size_bytes(*size_bytes);
@@ -436,6 +445,7 @@ awaitable<void> Uploads::CreateTus(Exchange& exchange, const FileRoute& route) {
     upload = outcome.upload;
   }
   created.headers.emplace_back("Upload-Offset", absl::StrCat(upload.committed_size()));
+  AddExpiry(upload, created);
   co_await AnswerTus(exchange, std::move(created));
 }
 
@@ -449,10 +459,11 @@ awaitable<void> Uploads::HandleTus(Exchange& exchange, const FileRoute& route) {
       request.method == "POST" ? request.Header("x-http-method-override").value_or("POST") : request.method;
   if (method == "HEAD") co_return co_await HeadTus(exchange, route);
   if (method == "PATCH") co_return co_await PatchTus(exchange, route);
+  if (method == "DELETE") co_return co_await DeleteTus(exchange, route);
   HttpResponse response =
-      ErrorResponse(405, absl::UnimplementedError("an upload of tus takes HEAD and PATCH, or POST with "
+      ErrorResponse(405, absl::UnimplementedError("an upload of tus takes HEAD, PATCH and DELETE, or POST with "
                                                   "X-HTTP-Method-Override: PATCH"));
-  response.headers.emplace_back("Allow", "HEAD, OPTIONS, PATCH, POST");
+  response.headers.emplace_back("Allow", "DELETE, HEAD, OPTIONS, PATCH, POST");
   co_await AnswerTus(exchange, std::move(response));
 }
 
@@ -474,6 +485,20 @@ awaitable<void> Uploads::HeadTus(Exchange& exchange, const FileRoute& route) {
   response.headers = {{"Upload-Offset", absl::StrCat(upload.committed_size())},
                       {"Upload-Length", absl::StrCat(upload.size_bytes())},
                       {"Cache-Control", "no-store"}};
+  AddExpiry(upload, response);
+  if (!upload.metadata().empty()) response.headers.emplace_back("Upload-Metadata", upload.metadata());
+  co_await AnswerTus(exchange, std::move(response));
+}
+
+awaitable<void> Uploads::DeleteTus(Exchange& exchange, const FileRoute& route) {
+  v1::DeleteUploadRequest request;
+  request.set_name(route.resource);
+  google::protobuf::Empty nothing;
+  const grpc::Status deleted = co_await CallUnary(channel_, exchange, kDeleteUpload, request, &nothing);
+  HttpResponse response;
+  response.status = 204;
+  if (!deleted.ok()) response = UploadError(deleted);
+  if (deleted.error_code() == grpc::StatusCode::FAILED_PRECONDITION) response.status = 409;
   co_await AnswerTus(exchange, std::move(response));
 }
 
@@ -513,6 +538,7 @@ awaitable<void> Uploads::PatchTus(Exchange& exchange, const FileRoute& route) {
     upload = outcome.upload;
   }
   response.headers = {{"Upload-Offset", absl::StrCat(upload.committed_size())}};
+  AddExpiry(upload, response);
   co_await AnswerTus(exchange, std::move(response));
 }
 

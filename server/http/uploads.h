@@ -27,12 +27,14 @@ class Uploads {
   // tus, on the route that creates uploads of one file: OPTIONS, POST. Metadata: path (or filename), and if wished
   // sha256 and request_id.
   boost::asio::awaitable<void> CreateTus(Exchange& exchange, const FileRoute& route);
-  // tus, on an upload: OPTIONS, HEAD, PATCH, and POST with X-HTTP-Method-Override.
+  // tus, on an upload: OPTIONS, HEAD, PATCH, DELETE, and POST with X-HTTP-Method-Override. DELETE answers 409 once it
+  // is finished.
   boost::asio::awaitable<void> HandleTus(Exchange& exchange, const FileRoute& route);
 
  private:
   boost::asio::awaitable<void> HeadTus(Exchange& exchange, const FileRoute& route);
   boost::asio::awaitable<void> PatchTus(Exchange& exchange, const FileRoute& route);
+  boost::asio::awaitable<void> DeleteTus(Exchange& exchange, const FileRoute& route);
 
   RpcChannel& channel_;
   // What bodies with an Upload-Checksum take that are being held until their last byte has come.

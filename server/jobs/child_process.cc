@@ -3,9 +3,6 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/eventfd.h>
-#include <sys/prctl.h>
-#include <sys/resource.h>
-#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -20,6 +17,7 @@ extern "C" {  // which the header of glibc 2.36 leaves out
 #include <cstring>
 #include <fstream>
 #include <limits>
+#include <optional>
 #include <sstream>
 #include <utility>
 
@@ -27,16 +25,14 @@ extern "C" {  // which the header of glibc 2.36 leaves out
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
+#include "server/jobs/fd.h"
 #include "server/store/files.h"
 
 namespace depthtween::server {
 namespace {
 
-constexpr int kProgressFd = 3;
 constexpr size_t kMaxLineBytes = 64 << 10;
 constexpr int64_t kErrorOutputBytes = 4 << 10;
-// Between SIGXCPU and SIGKILL when the processor time is used up: nothing of ours catches the first.
-constexpr int64_t kCpuGraceSeconds = 5;
 
 // Of a clock that nobody sets, so that a correction of the time of day ends no child. Of no use as a date.
 absl::Time MonotonicNow() {
@@ -45,78 +41,41 @@ absl::Time MonotonicNow() {
   return absl::TimeFromTimespec(now);
 }
 
-class Fd {
- public:
-  explicit Fd(int fd = -1) : fd_(fd) {}
-  Fd(Fd&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  Fd& operator=(Fd&& other) noexcept {
-    std::swap(fd_, other.fd_);
-    return *this;
+// Nothing of ours: a variable may hold a secret, or change what a library does.
+std::vector<std::string> ChildEnvironment() {
+  std::vector<std::string> variables = {"LANG=C"};
+#ifdef DEPTHTWEEN_SANITIZED
+  for (const char* name : {"ASAN_OPTIONS", "LSAN_OPTIONS", "UBSAN_OPTIONS", "TSAN_OPTIONS", "LLVM_PROFILE_FILE"}) {
+    if (const char* const value = getenv(name); value != nullptr) variables.push_back(absl::StrCat(name, "=", value));
   }
-  ~Fd() { Close(); }
-  void Close() {
-    if (fd_ >= 0) close(std::exchange(fd_, -1));
-  }
-  int get() const { return fd_; }
-  bool valid() const { return fd_ >= 0; }
-
- private:
-  int fd_;
-};
+#endif
+  return variables;
+}
 
 // Everything the child needs between fork and exec, made before: there it may only make system calls, because another
 // thread may have held any lock, malloc's too.
-struct Launch {
-  std::vector<char*> arguments, environment;
-  int progress, output, error_output;
-  pid_t parent;
-  int64_t memory_bytes, file_bytes, cpu_seconds;
-};
+class Launch {
+ public:
+  explicit Launch(const std::vector<std::string>& arguments) : environment_texts_(ChildEnvironment()) {
+    for (const std::string& argument : arguments) arguments_.push_back(const_cast<char*>(argument.c_str()));
+    arguments_.push_back(nullptr);
+    for (std::string& variable : environment_texts_) environment_.push_back(variable.data());
+    environment_.push_back(nullptr);
+  }
+  Launch(const Launch&) = delete;
+  Launch& operator=(const Launch&) = delete;
 
-void Limit(__rlimit_resource resource, int64_t soft, int64_t hard) {
-  const rlimit limit{static_cast<rlim_t>(soft), static_cast<rlim_t>(hard)};
-  setrlimit(resource, &limit);
-}
-
-[[noreturn]] void BecomeChild(const Launch& launch) {
-  setpgid(0, 0);
-  // The server's death is the child's. If it died before this line, nobody is there to send the signal any more.
-  prctl(PR_SET_PDEATHSIG, SIGKILL);
-  if (getppid() != launch.parent) _exit(127);
-
-  sigset_t none;
-  sigemptyset(&none);
-  sigprocmask(SIG_SETMASK, &none, nullptr);
-  for (const int number : {SIGPIPE, SIGTERM, SIGINT, SIGHUP, SIGCHLD}) signal(number, SIG_DFL);
-
-  const int nothing = open("/dev/null", O_RDONLY);
-  if (dup2(nothing, STDIN_FILENO) < 0 || dup2(launch.output, STDOUT_FILENO) < 0 ||
-      dup2(launch.error_output, STDERR_FILENO) < 0 || dup2(launch.progress, kProgressFd) < 0) {
+  [[noreturn]] void Execute() const {
+    execve(arguments_[0], arguments_.data(), environment_.data());
+    const char* const reason = strerrordesc_np(errno);
+    if (write(STDERR_FILENO, reason, strlen(reason)) < 0) _exit(126);
     _exit(127);
   }
-  // Sockets and the data directory's lock stay with the server.
-  syscall(SYS_close_range, kProgressFd + 1, ~0U, 0);
 
-  Limit(RLIMIT_CORE, 0, 0);
-  if (launch.memory_bytes > 0) Limit(RLIMIT_DATA, launch.memory_bytes, launch.memory_bytes);
-  if (launch.cpu_seconds > 0) Limit(RLIMIT_CPU, launch.cpu_seconds, launch.cpu_seconds + kCpuGraceSeconds);
-  if (launch.file_bytes > 0) {
-    Limit(RLIMIT_FSIZE, launch.file_bytes, launch.file_bytes);
-    signal(SIGXFSZ, SIG_IGN);  // so that a write beyond fails with EFBIG, which the child can report
-  }
-  // When memory runs out, a child is to go before the server.
-  if (const int fd = open("/proc/self/oom_score_adj", O_WRONLY); fd >= 0) {
-    if (write(fd, "500", 3) < 0) _exit(127);
-    close(fd);
-  }
-
-  // What the child starts, should it ever, gains nothing by it.
-  prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
-  execve(launch.arguments[0], launch.arguments.data(), launch.environment.data());
-  const char* const reason = strerrordesc_np(errno);
-  if (write(STDERR_FILENO, reason, strlen(reason)) < 0) _exit(126);
-  _exit(127);
-}
+ private:
+  std::vector<std::string> environment_texts_;
+  std::vector<char*> arguments_, environment_;
+};
 
 // Field 22 of /proc/<pid>/stat, in clock ticks since boot: with the id, it names a process for good. Empty if it is
 // gone or a zombie.
@@ -171,17 +130,6 @@ std::string EndOfFile(const std::string& path) {
   return text;
 }
 
-// Nothing of ours: a variable may hold a secret, or change what a library does.
-std::vector<std::string> ChildEnvironment() {
-  std::vector<std::string> variables = {"LANG=C"};
-#ifdef DEPTHTWEEN_SANITIZED
-  for (const char* name : {"ASAN_OPTIONS", "LSAN_OPTIONS", "UBSAN_OPTIONS", "TSAN_OPTIONS", "LLVM_PROFILE_FILE"}) {
-    if (const char* const value = getenv(name); value != nullptr) variables.push_back(absl::StrCat(name, "=", value));
-  }
-#endif
-  return variables;
-}
-
 // A child that runs, as seen from here.
 struct Child {
   pid_t id = 0;
@@ -205,29 +153,14 @@ absl::StatusOr<Child> StartChild(const ChildSpec& spec) {
   // Only the reading end: the child expects writes to wait when the pipe is full.
   if (fcntl(child.progress.get(), F_SETFL, O_NONBLOCK) != 0) return ErrnoStatus(errno, "fcntl");
 
-  std::vector<std::string> environment = ChildEnvironment();
-  Launch launch{.progress = pipe_in.get(),
-                .output = output.get(),
-                .error_output = error_output.get(),
-                .parent = getpid(),
-                .memory_bytes = spec.memory_bytes,
-                .file_bytes = spec.file_bytes,
-                .cpu_seconds = spec.cpu_seconds};
-  for (const std::string& argument : spec.arguments) launch.arguments.push_back(const_cast<char*>(argument.c_str()));
-  launch.arguments.push_back(nullptr);
-  for (std::string& variable : environment) launch.environment.push_back(variable.data());
-  launch.environment.push_back(nullptr);
-  // dup2 in the child must not hit a descriptor that it still needs.
-  std::vector<Fd> moved;
-  for (int* const source : {&launch.progress, &launch.output, &launch.error_output}) {
-    moved.emplace_back(fcntl(*source, F_DUPFD_CLOEXEC, kProgressFd + 1));
-    if (!moved.back().valid()) return ErrnoStatus(errno, "fcntl");
-    *source = moved.back().get();
+  const LaunchLimits limits{
+      .memory_bytes = spec.memory_bytes, .file_bytes = spec.file_bytes, .cpu_seconds = spec.cpu_seconds};
+  const LaunchFiles files{.progress = pipe_in.get(), .output = output.get(), .error_output = error_output.get()};
+  std::optional<pid_t> hosted;
+  if (spec.host != nullptr) {
+    ASSIGN_OR_RETURN(hosted, spec.host->Launch(spec.arguments, limits, files));
   }
-
-  child.id = fork();
-  if (child.id < 0) return ErrnoStatus(errno, "fork");
-  if (child.id == 0) BecomeChild(launch);
+  ASSIGN_OR_RETURN(child.id, hosted ? *hosted : StartProgram(spec.arguments, limits, files));
   setpgid(child.id, child.id);  // parent and child both do: either may come first
   child.process = Fd(pidfd_open(child.id, 0));
   if (!child.process.valid()) {
@@ -312,6 +245,27 @@ class Supervision {
 };
 
 }  // namespace
+
+absl::StatusOr<pid_t> StartProgram(const std::vector<std::string>& arguments, const LaunchLimits& limits,
+                                   const LaunchFiles& files) {
+  const Launch launch(arguments);
+  // dup2 in the child must not hit a descriptor that it still needs.
+  std::vector<Fd> moved;
+  LaunchFiles above = files;
+  for (int* const source : {&above.progress, &above.output, &above.error_output}) {
+    moved.emplace_back(fcntl(*source, F_DUPFD_CLOEXEC, kProgressFd + 1));
+    if (!moved.back().valid()) return ErrnoStatus(errno, "fcntl");
+    *source = moved.back().get();
+  }
+  const pid_t parent = getpid();
+  const pid_t child = fork();
+  if (child < 0) return ErrnoStatus(errno, "fork");
+  if (child == 0) {
+    BecomeTask(above, limits, parent);
+    launch.Execute();
+  }
+  return child;
+}
 
 std::string ChildOutcome::Describe() const {
   if (signal == 0) return absl::StrCat("exit code ", exit_code);

@@ -11,11 +11,14 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "core/launch/launch.h"
+#include "server/jobs/task_host.h"
 
 namespace depthtween::server {
 
 struct ChildSpec {
   std::vector<std::string> arguments;  // [0] is the program's path; "--progress-fd 3" reaches the pipe
+  TaskHost* host = nullptr;            // of that program, if there is one: it launches the child
   std::string folder;                  // of this attempt: gets the files "stdout", "stderr" and "child" (who it is)
   int64_t memory_bytes = 0;            // RLIMIT_DATA; 0 = none
   int64_t file_bytes = 0;              // RLIMIT_FSIZE; 0 = none
@@ -41,10 +44,14 @@ struct ChildOutcome {
 // privileges by what it starts.
 // `on_line` gets each line it writes to descriptor 3, on this thread; returning false ends the child. Lines beyond 64
 // KiB are cut. When `stop` fires: SIGTERM to the group, SIGKILL after the grace, which ends one that is suspended
-// (SIGSTOP) too. The child dies with the *thread* that called this (PR_SET_PDEATHSIG is bound to it), hence with this
-// process. Errors: only when the child could not be started.
+// (SIGSTOP) too. The child dies with the *thread* that called this (PR_SET_PDEATHSIG is bound to it), or with the host
+// that launched it; hence with this process. Errors: only when the child could not be started.
 absl::StatusOr<ChildOutcome> RunChild(const ChildSpec& spec, const std::stop_token& stop,
                                       const std::function<bool(std::string_view line)>& on_line);
+
+// What RunChild does without a host: a child of this thread. `files` are duplicated. The caller waits for it.
+absl::StatusOr<pid_t> StartProgram(const std::vector<std::string>& arguments, const LaunchLimits& limits,
+                                   const LaunchFiles& files);
 
 // Kills the process group that a dead server left in `folder`, if it still lives and is the same one (by start time).
 void KillLeftChild(const std::string& folder);

@@ -12,6 +12,11 @@ void DamageLog::Report(std::string_view file, std::string_view what) {
   LogError("file damaged", {{"file", std::string(file)}, {"what", std::string(what)}});
 }
 
+bool DamageLog::Has(std::string_view file) const {
+  const std::lock_guard lock(mutex_);
+  return files_.find(file) != files_.end();
+}
+
 int64_t DamageLog::files() const {
   const std::lock_guard lock(mutex_);
   return static_cast<int64_t>(files_.size());

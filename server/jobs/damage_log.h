@@ -15,6 +15,7 @@ class DamageLog {
  public:
   // `file` is relative to the data folder, `what` says what is wrong with it.
   void Report(std::string_view file, std::string_view what);
+  bool Has(std::string_view file) const;
   // How many different files were reported, up to kMaxFiles.
   int64_t files() const;
 

@@ -136,6 +136,7 @@ absl::StatusOr<std::string> Errands::RunOne(const ErrandOrder& order, const std:
   }
   std::optional<absl::Status> said;
   absl::StatusOr<ChildOutcome> child = RunChild({.arguments = command,
+                                                 .host = options_.host,
                                                  .folder = folder,
                                                  .memory_bytes = options_.child_memory_bytes,
                                                  .file_bytes = options_.child_file_bytes,

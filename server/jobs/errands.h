@@ -17,14 +17,16 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "server/jobs/task_host.h"
 #include "server/store/data_directory.h"
 
 namespace depthtween::server {
 
 struct ErrandOptions {
   std::string core_program;
-  int threads = 2;       // errands that run at the same time, > 0
-  int max_waiting = 32;  // beyond them
+  TaskHost* host = nullptr;  // of it, if there is one
+  int threads = 2;           // errands that run at the same time, > 0
+  int max_waiting = 32;      // beyond them
   absl::Duration time_limit = absl::Seconds(30);
   absl::Duration grace = absl::Seconds(1);
   int64_t child_memory_bytes = 0;  // 0 = no limit

@@ -1,5 +1,6 @@
 #include "server/jobs/job_manager.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -23,6 +24,7 @@
 #include "server/jobs/deletion.h"
 #include "server/jobs/input_check.h"
 #include "server/jobs/inventory.h"
+#include "server/jobs/task_host.h"
 #include "server/jobs/task_protocol.h"
 #include "server/jobs/task_runner.h"
 #include "server/store/error_info.h"
@@ -36,13 +38,36 @@ namespace fs = std::filesystem;
 
 // Stages change many times a second; watchers get to see a few of them.
 constexpr absl::Duration kStageGap = absl::Milliseconds(200);
+constexpr absl::Duration kQueueGap = absl::Seconds(1);  // between two announcements of places in the queue
+constexpr size_t kToldAtOnce = 16;                      // of them, without giving others the lock
 // How long a worker waits before it asks a store again that has just failed, for instance because the disk is full.
 constexpr std::chrono::seconds kStoreRetryGap{1};
-constexpr absl::Duration kDiskAlarmGap = absl::Minutes(1);
+// Limits of time are in whole seconds.
+constexpr std::chrono::milliseconds kDeadlineGap{500};
+constexpr absl::Duration kAlarmGap = absl::Minutes(1);
+// A task begins with so many file descriptors left: its own pipes and files, and those of others meanwhile.
+constexpr size_t kTaskDescriptors = 16;
 // Planning reads lists and no frames, which takes milliseconds. It blocks a thread that answers calls, so only a few
 // may wait for it.
 constexpr absl::Duration kPlanTime = absl::Seconds(20);
 constexpr int kMaxPlansWaiting = 3;
+
+constexpr char kDiskFull[] =
+    "disk full: no work is begun until there is room; free some, or delete jobs and recordings";
+constexpr char kNoDescriptors[] =
+    "no file descriptors left: no work is begun until there are some; raise the limit of open files, or have fewer "
+    "connections";
+
+bool HasDescriptors() {
+  std::vector<int> taken;
+  while (taken.size() < kTaskDescriptors) {
+    const int fd = open("/dev/null", O_RDONLY | O_CLOEXEC);
+    if (fd < 0) break;
+    taken.push_back(fd);
+  }
+  for (const int fd : taken) close(fd);
+  return taken.size() == kTaskDescriptors;
+}
 
 // A status for the log, without its payload.
 std::string Words(const absl::Status& status) {
@@ -55,15 +80,18 @@ class Manager : public JobManager {
       : directory_(directory),
         store_(store),
         options_(options),
-        runner_(directory, store, damage_, options),
+        host_(options.core_program),
+        runner_(directory, store, damage_, options, &host_),
         inputs_(directory, store, damage_),
         errands_(directory, {.core_program = options.core_program,
+                             .host = &host_,
                              .threads = options.frame_renderers,
                              .time_limit = options.frame_render_time,
                              .grace = options.grace,
                              .child_memory_bytes = options.child_memory_bytes,
                              .child_file_bytes = options.child_file_bytes}),
         planning_(directory, {.core_program = options.core_program,
+                              .host = &host_,
                               .threads = 1,
                               .max_waiting = kMaxPlansWaiting,
                               .time_limit = kPlanTime,
@@ -89,10 +117,13 @@ class Manager : public JobManager {
   absl::StatusOr<JobView> Create(const Tenant& tenant, const NewJob& job, std::string_view request_id,
                                  bool validate_only) override;
   absl::StatusOr<JobView> Get(const Tenant& tenant, std::string_view id) override;
-  absl::StatusOr<Page<JobView>> List(const Tenant& tenant, const JobFilter& filter, const PageRequest& page) override;
+  absl::StatusOr<Page<JobView>> List(const Tenant& tenant, const JobFilter& filter, const PageRequest& page,
+                                     JobDetail detail) override;
   absl::Status Delete(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<JobView> Cancel(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<JobView> Retry(const Tenant& tenant, std::string_view id) override;
+  absl::StatusOr<JobView> Pin(const Tenant& tenant, std::string_view id, bool pinned) override;
+  absl::Status Collect(const Collectable& job) override;
   absl::StatusOr<std::unique_ptr<JobWatch>> Watch(const Tenant& tenant, std::string_view id,
                                                   std::string_view resume_token,
                                                   std::function<void()> on_news) override;
@@ -116,7 +147,10 @@ class Manager : public JobManager {
     errands_.Stop();
   }
   void StopValidation(std::string_view sequence_id) override;
+  void SetDraining(bool draining) override;
+  bool IsDraining() override;
   void Drain(absl::Duration patience) override;
+  std::vector<server::RunningTask> RunningTasks() override;
   ValidationProgress GetValidationProgress(std::string_view sequence_id) override;
   int workers() const override { return options_.workers; }
   absl::StatusOr<Gauges> Measure() override;
@@ -128,8 +162,8 @@ class Manager : public JobManager {
     absl::Time stage_published = absl::InfinitePast();
   };
   struct Running {
-    std::string job_id;  // empty for a validation
-    std::string sequence_id;
+    Task task;
+    absl::Time start_time;
     std::stop_source stop;
   };
 
@@ -140,14 +174,19 @@ class Manager : public JobManager {
     absl::Time due;
   };
 
+  // Tells those who watch queued jobs when these have moved up, once a second however many jobs end: one question
+  // to the store for all of them.
+  void TellQueue(const std::stop_token& stop);
   // A worker: claims and runs until it is told to stop.
   void Work(const std::stop_token& stop);
   std::optional<Task> ClaimOrWait(const std::stop_token& stop);
   // What a worker may do about validations now, so that they leave workers to jobs. With changes_ held.
   ClaimValidations ValidationsAllowed() const;
-  // Whether work may begin as far as the disk goes. Raises the alarm, now and then, if not. With changes_ held.
-  bool DiskHasRoom();
-  bool RanOutOfSpace(const absl::Status& error) const;
+  // Whether there is what work needs: space on the disk, and file descriptors. Raises the alarm, now and then, if not.
+  // With changes_ held.
+  bool MayBegin();
+  // What an attempt lacked, in the words of the alarm, if it failed for that; null otherwise.
+  const char* RanOutOf(const absl::Status& error) const;
   void RunTask(const Task& task, const std::stop_token& stop);
   // Records how a task ended and tells watchers, however often that takes. With changes_ held by `lock`.
   void Settle(const Task& task, const TaskOutcome& outcome, const std::stop_token& stop,
@@ -173,14 +212,16 @@ class Manager : public JobManager {
   // With changes_ held.
   JobView View(JobRecord record) const;
   absl::StatusOr<JobView> Publish(std::string_view job_id, JobEvent::Kind kind);
-  // Waiting jobs have moved up.
-  void PublishQueue();
   void StopTasksOf(std::string_view job_id);
+  absl::Status DeleteJobWithFiles(std::string_view id, const std::function<absl::Status()>& forget);
+  // The timekeeper: ends jobs that are beyond their limits of time, until it is told to stop.
+  void EndOverdueJobs(const std::stop_token& stop);
 
   DataDirectory& directory_;
   Store& store_;
   const JobManagerOptions options_;
   DamageLog damage_;
+  TaskHost host_;  // all that launch with it stand below
   TaskRunner runner_;
   InputCheck inputs_;
 
@@ -193,17 +234,21 @@ class Manager : public JobManager {
   std::map<std::string, ValidationProgress, std::less<>> validations_;  // guarded by changes_; by sequence id
   bool release_first_ = false;  // guarded by changes_: tasks of the server before are still recorded as running
   int64_t wakes_ = 0;           // guarded by changes_
-  absl::Time begin_nothing_before_ = absl::InfinitePast();  // guarded by changes_: the disk was full
-  absl::Time next_disk_alarm_ = absl::InfinitePast();       // guarded by changes_
+  bool queue_moved_ = false;    // guarded by changes_: since it was last told
+  absl::Time begin_nothing_before_ = absl::InfinitePast();  // guarded by changes_: something was scarce
+  const char* scarce_ = nullptr;                            // guarded by changes_: what that was
+  absl::Time next_alarm_ = absl::InfinitePast();            // guarded by changes_
   bool draining_ = false;                                   // guarded by changes_: nothing is begun
   bool validated_last_ = false;                             // guarded by changes_: what was claimed last
   std::vector<Postponed> postponed_;                        // guarded by changes_
   std::minstd_rand random_{std::random_device{}()};         // guarded by changes_
-  std::condition_variable_any work_;
+  std::condition_variable_any work_, queue_changed_;
 
-  Errands errands_;                    // frames on demand
-  Errands planning_;                   // of orders: apart, so that orders need not wait for pictures
-  std::vector<std::jthread> workers_;  // last: they use all of the above
+  Errands errands_;   // frames on demand
+  Errands planning_;  // of orders: apart, so that orders need not wait for pictures
+  // Last: they use all of the above.
+  std::jthread timekeeper_, queue_teller_;
+  std::vector<std::jthread> workers_;
 };
 
 absl::Status Manager::CleanUpAndStart() {
@@ -224,6 +269,8 @@ absl::Status Manager::CleanUpAndStart() {
     RETURN_IF_ERROR(released);
   }
   RETURN_IF_ERROR(QuarantineWhatHasNoRecord(directory_, store_));
+  timekeeper_ = std::jthread([this](const std::stop_token& stop) { EndOverdueJobs(stop); });
+  queue_teller_ = std::jthread([this](const std::stop_token& stop) { TellQueue(stop); });
   for (int i = 0; i < options_.workers; ++i) {
     workers_.emplace_back([this](const std::stop_token& stop) { Work(stop); });
   }
@@ -242,7 +289,8 @@ JobView Manager::View(JobRecord record) const {
   const auto live = live_.find(record.id);
   const std::string_view stage = live == live_.end() ? std::string_view() : std::string_view(live->second.stage);
   Progress progress = DescribeProgress(record, stage, options_.workers);
-  return {.record = std::move(record), .progress = std::move(progress)};
+  const absl::Time expire_time = ExpireTime(options_.retention, record);
+  return {.record = std::move(record), .progress = std::move(progress), .expire_time = expire_time};
 }
 
 absl::StatusOr<JobView> Manager::Publish(std::string_view job_id, JobEvent::Kind kind) {
@@ -250,22 +298,37 @@ absl::StatusOr<JobView> Manager::Publish(std::string_view job_id, JobEvent::Kind
   if (record.state != JobState::kRunning) live_.erase(record.id);
   JobView view = View(std::move(record));
   hub_.Publish(kind, view);
-  if (HasEnded(view.record.state)) PublishQueue();
+  if (HasEnded(view.record.state)) {
+    queue_moved_ = true;
+    queue_changed_.notify_one();
+  }
   return view;
 }
 
-void Manager::PublishQueue() {
-  for (const std::string& id : hub_.WatchedJobs()) {
-    absl::StatusOr<JobRecord> record = store_.GetJob(Tenant::Everyone(), id);
-    if (record.ok() && record->state == JobState::kQueued) {
-      hub_.Publish(JobEvent::Kind::kProgress, View(*std::move(record)));
+void Manager::TellQueue(const std::stop_token& stop) {
+  std::unique_lock lock(changes_);
+  while (queue_changed_.wait(lock, stop, [this] { return queue_moved_; }) && !stop.stop_requested()) {
+    queue_moved_ = false;
+    lock.unlock();
+    const absl::StatusOr<std::map<std::string, int, std::less<>>> places = store_.QueuePositions();
+    lock.lock();
+    // A job that has left the queue meanwhile was published, and is not among these.
+    for (bool more = places.ok(); more && !stop.stop_requested();) {
+      std::vector<JobRecord> moved = hub_.Moved(*places, kToldAtOnce);
+      more = moved.size() == kToldAtOnce;
+      for (JobRecord& record : moved) hub_.Publish(JobEvent::Kind::kProgress, View(std::move(record)));
+      // Who waits for the lock has it in between.
+      lock.unlock();
+      std::this_thread::yield();
+      lock.lock();
     }
+    work_.wait_for(lock, stop, absl::ToChronoNanoseconds(kQueueGap), [] { return false; });
   }
 }
 
 void Manager::StopTasksOf(std::string_view job_id) {
   for (auto& [number, running] : running_) {
-    if (running.job_id == job_id) running.stop.request_stop();
+    if (running.task.job_id == job_id) running.stop.request_stop();
   }
   // What waits for another attempt gets none. The caller tells of its end. It stays in the list, which somebody may be
   // walking through, until SettleWhatIsDue finds that there is nothing left to record.
@@ -278,6 +341,10 @@ void Manager::StopTasksOf(std::string_view job_id) {
 
 absl::StatusOr<NewJob> Manager::Plan(const Tenant& tenant, const NewJob& order) {
   ASSIGN_OR_RETURN(NewJob job, order.Checked());
+  if (!job.webhook_url.empty()) {
+    RETURN_IF_ERROR(options_.check_webhook ? options_.check_webhook(job.webhook_url)
+                                           : InvalidField("job.webhook", "cannot be served: this server sends none"));
+  }
   if (job.threads > options_.max_threads) {
     return BadField("job.threads", absl::StrFormat("job.threads = %d, must be at most %d, which is what this server "
                                                    "gives a task; leave it out to let the server decide",
@@ -318,23 +385,39 @@ absl::StatusOr<JobView> Manager::Get(const Tenant& tenant, std::string_view id) 
   return View(std::move(record));
 }
 
-absl::StatusOr<Page<JobView>> Manager::List(const Tenant& tenant, const JobFilter& filter, const PageRequest& page) {
+absl::StatusOr<Page<JobView>> Manager::List(const Tenant& tenant, const JobFilter& filter, const PageRequest& page,
+                                            JobDetail detail) {
+  // A list is of no one moment, so that nobody waits for a long one.
+  ASSIGN_OR_RETURN(Page<JobRecord> records, store_.ListJobs(tenant, filter, page, detail));
   const std::lock_guard lock(changes_);
-  ASSIGN_OR_RETURN(Page<JobRecord> records, store_.ListJobs(tenant, filter, page));
   Page<JobView> views{.next_token = std::move(records.next_token)};
   for (JobRecord& record : records.items) views.items.push_back(View(std::move(record)));
   return views;
 }
 
 absl::Status Manager::Delete(const Tenant& tenant, std::string_view id) {
-  const auto forget = [&]() -> absl::Status {
+  return DeleteJobWithFiles(id, [&] { return store_.DeleteJob(tenant, id); });
+}
+
+absl::Status Manager::Collect(const Collectable& job) {
+  return DeleteJobWithFiles(job.id, [&] { return store_.CollectJob(job); });
+}
+
+absl::Status Manager::DeleteJobWithFiles(std::string_view id, const std::function<absl::Status()>& forget) {
+  const auto forget_and_tell = [&]() -> absl::Status {
     const std::lock_guard lock(changes_);
-    RETURN_IF_ERROR(store_.DeleteJob(tenant, id));
+    RETURN_IF_ERROR(forget());
     hub_.Forget(id);
     return absl::OkStatus();
   };
-  return DeleteWithFiles(absl::StrCat("jobs/", std::string(id)), forget,
+  return DeleteWithFiles(absl::StrCat("jobs/", std::string(id)), forget_and_tell,
                          [&] { return directory_.Discard(directory_.JobFolder(id)); });
+}
+
+absl::StatusOr<JobView> Manager::Pin(const Tenant& tenant, std::string_view id, bool pinned) {
+  const std::lock_guard lock(changes_);
+  ASSIGN_OR_RETURN(JobRecord record, store_.PinJob(tenant, id, pinned));
+  return View(std::move(record));
 }
 
 absl::StatusOr<JobView> Manager::Cancel(const Tenant& tenant, std::string_view id) {
@@ -416,7 +499,8 @@ absl::StatusOr<std::unique_ptr<Errand>> Manager::RenderFrame(const Tenant& tenan
 void Manager::StopValidation(std::string_view sequence_id) {
   const std::lock_guard lock(changes_);
   for (auto& [number, running] : running_) {
-    if (running.job_id.empty() && running.sequence_id == sequence_id) running.stop.request_stop();
+    const Task& task = running.task;
+    if (task.kind == TaskKind::kValidate && task.sequence_id == sequence_id) running.stop.request_stop();
   }
 }
 
@@ -424,6 +508,58 @@ ValidationProgress Manager::GetValidationProgress(std::string_view sequence_id) 
   const std::lock_guard lock(changes_);
   const auto found = validations_.find(sequence_id);
   return found == validations_.end() ? ValidationProgress{} : found->second;
+}
+
+void Manager::SetDraining(bool draining) {
+  {
+    const std::lock_guard lock(changes_);
+    draining_ = draining;
+  }
+  Wake();
+}
+
+bool Manager::IsDraining() {
+  const std::lock_guard lock(changes_);
+  return draining_;
+}
+
+std::vector<RunningTask> Manager::RunningTasks() {
+  std::vector<RunningTask> tasks;
+  {
+    const std::lock_guard lock(changes_);
+    for (const auto& [number, running] : running_)
+      tasks.push_back({.task = running.task, .start_time = running.start_time});
+  }
+  for (RunningTask& running : tasks) {
+    const Task& task = running.task;
+    if (task.job_id.empty()) {
+      const absl::StatusOr<SequenceRecord> sequence = store_.GetSequence(Tenant::Everyone(), task.sequence_id);
+      if (sequence.ok()) running.tenant = sequence->tenant;
+    } else {
+      const absl::StatusOr<JobRecord> job = store_.GetJob(Tenant::Everyone(), task.job_id);
+      if (job.ok()) running.tenant = job->tenant;
+    }
+  }
+  return tasks;
+}
+
+void Manager::EndOverdueJobs(const std::stop_token& stop) {
+  std::mutex mutex;
+  std::condition_variable_any woken;
+  std::unique_lock waits(mutex);
+  while (!stop.stop_requested()) {
+    {
+      const std::lock_guard lock(changes_);
+      const absl::StatusOr<std::vector<std::string>> overdue = store_.FailOverdueJobs(options_.time_limits);
+      if (!overdue.ok()) LogError("cannot end overdue jobs", {{"error", Words(overdue.status())}});
+      for (const std::string& id : overdue.ok() ? *overdue : std::vector<std::string>()) {
+        LogWarning("job is beyond its time limit", {{"job", id}});
+        StopTasksOf(id);
+        (void)Publish(id, JobEvent::Kind::kState);
+      }
+    }
+    woken.wait_for(waits, stop, kDeadlineGap, [] { return false; });
+  }
 }
 
 void Manager::Drain(absl::Duration patience) {
@@ -450,30 +586,33 @@ void Manager::Work(const std::stop_token& stop) {
   }
 }
 
-bool Manager::DiskHasRoom() {
-  if (options_.min_free_bytes == 0) return true;
+bool Manager::MayBegin() {
   const absl::Time now = absl::Now();
   const absl::StatusOr<int64_t> free_bytes = directory_.FreeBytes();
-  if (now >= begin_nothing_before_ && (!free_bytes.ok() || *free_bytes >= options_.min_free_bytes)) return true;
-  if (now >= next_disk_alarm_) {
-    LogError("disk full: no work is begun until there is room; free some, or delete jobs and recordings",
-             {{"free_bytes", absl::StrCat(free_bytes.value_or(-1))},
-              {"needed_bytes", absl::StrCat(options_.min_free_bytes)}});
-    next_disk_alarm_ = now + kDiskAlarmGap;
+  const char* scarce = now < begin_nothing_before_ ? scarce_ : nullptr;
+  if (!HasDescriptors()) scarce = kNoDescriptors;
+  if (free_bytes.ok() && *free_bytes < options_.min_free_bytes) scarce = kDiskFull;
+  if (scarce == nullptr) return true;
+  if (now >= next_alarm_) {
+    LogError(scarce, {{"free_bytes", absl::StrCat(free_bytes.value_or(-1))},
+                      {"needed_bytes", absl::StrCat(options_.min_free_bytes)}});
+    next_alarm_ = now + kAlarmGap;
   }
   return false;
 }
 
-bool Manager::RanOutOfSpace(const absl::Status& error) const {
-  if (options_.min_free_bytes == 0 || !absl::IsResourceExhausted(error)) return false;
+const char* Manager::RanOutOf(const absl::Status& error) const {
+  if (absl::IsUnavailable(error)) return kNoDescriptors;
+  if (options_.min_free_bytes == 0 || !absl::IsResourceExhausted(error)) return nullptr;
   const absl::StatusOr<int64_t> free_bytes = directory_.FreeBytes();
-  return free_bytes.ok() && *free_bytes < options_.min_free_bytes;
+  return free_bytes.ok() && *free_bytes < options_.min_free_bytes ? kDiskFull : nullptr;
 }
 
 ClaimValidations Manager::ValidationsAllowed() const {
   if (options_.workers == 1) return validated_last_ ? ClaimValidations::kLast : ClaimValidations::kFirst;
-  const auto validating =
-      std::count_if(running_.begin(), running_.end(), [](const auto& entry) { return entry.second.job_id.empty(); });
+  const auto validating = std::count_if(running_.begin(), running_.end(), [](const auto& entry) {
+    return entry.second.task.kind == TaskKind::kValidate;
+  });
   return validating < options_.workers / 2 ? ClaimValidations::kFirst : ClaimValidations::kNone;
 }
 
@@ -481,10 +620,10 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   std::unique_lock lock(changes_);
   if (stop.stop_requested()) return std::nullopt;
   if (draining_) {
-    work_.wait(lock, stop, [] { return false; });
+    work_.wait(lock, stop, [this] { return !draining_; });
     return std::nullopt;
   }
-  if (!DiskHasRoom()) {
+  if (!MayBegin()) {
     work_.wait_for(lock, stop, kStoreRetryGap, [] { return false; });
     return std::nullopt;
   }
@@ -503,8 +642,8 @@ std::optional<Task> Manager::ClaimOrWait(const std::stop_token& stop) {
   if (claimed.ok() && claimed->has_value()) {
     const Task& task = **claimed;
     Running& running = running_[task.number];
-    running.job_id = task.job_id;
-    running.sequence_id = task.sequence_id;
+    running.task = task;
+    running.start_time = absl::Now();
     validated_last_ = task.kind == TaskKind::kValidate;
     // The first task of a job has made it RUNNING.
     if (!task.job_id.empty() && live_.try_emplace(task.job_id).second) {
@@ -559,10 +698,11 @@ void Manager::RunTask(const Task& task, const std::stop_token& stop) {
   const absl::Time start = absl::Now();
   TaskOutcome outcome =
       job.ok() ? runner_.Run(task, *job, task_stop, events) : TaskOutcome{.error = job.status(), .retry = true};
-  if (!outcome.stopped && RanOutOfSpace(outcome.error)) {
-    outcome.stopped = true;  // given back: it is nobody's fault
+  if (const char* const scarce = outcome.stopped ? nullptr : RanOutOf(outcome.error); scarce != nullptr) {
+    outcome.stopped = true;  // released: it is nobody's fault
     const std::lock_guard lock(changes_);
-    begin_nothing_before_ = absl::Now() + options_.full_disk_pause;
+    scarce_ = scarce;
+    begin_nothing_before_ = absl::Now() + options_.scarcity_pause;
   }
   const std::string_view kind = ToString(task.kind);
   CountTask(kind,
@@ -678,8 +818,9 @@ absl::Status Manager::RecordAndTell(const Task& task, const TaskOutcome& outcome
       task.kind == TaskKind::kSelfCheck || task.kind == TaskKind::kPrepare || (job.ok() && job->IsComputed());
   if (const auto live = live_.find(task.job_id); over && live != live_.end()) live->second.stage.clear();
   // A job that still runs has its self-check now, or its plan, or one task less. Watchers get measurements too.
-  const bool measured = task.kind == TaskKind::kSelfCheck ||
-                        (task.kind == TaskKind::kPrepare && job.ok() && job->clock_estimate.has_value());
+  const bool measured =
+      task.kind == TaskKind::kSelfCheck ||
+      (task.kind == TaskKind::kPrepare && job.ok() && (job->clock_estimate.has_value() || !job->warnings.empty()));
   const bool progressed = job.ok() && job->state == JobState::kRunning && !measured;
   const absl::StatusOr<JobView> view =
       Publish(task.job_id, progressed ? JobEvent::Kind::kProgress : JobEvent::Kind::kState);
@@ -706,6 +847,14 @@ absl::Status JobManagerOptions::Validate() const {
   if (frame_render_time <= absl::ZeroDuration()) {
     return bad("frame_render_time", absl::FormatDuration(frame_render_time), "> 0");
   }
+  if (time_limits.queue < absl::ZeroDuration()) {
+    return bad("time_limits.queue", absl::FormatDuration(time_limits.queue), ">= 0 (0 = no limit)");
+  }
+  if (time_limits.run < absl::ZeroDuration()) {
+    return bad("time_limits.run", absl::FormatDuration(time_limits.run), ">= 0 (0 = no limit)");
+  }
+  RETURN_IF_ERROR(retention.Validate());
+  if (scarcity_pause < absl::ZeroDuration()) return bad("scarcity_pause", absl::FormatDuration(scarcity_pause), ">= 0");
   if (min_free_bytes < 0) return bad("min_free_bytes", min_free_bytes, ">= 0 (0 = no limit)");
   if (grace < absl::ZeroDuration()) return bad("grace", absl::FormatDuration(grace), ">= 0");
   return absl::OkStatus();

@@ -22,6 +22,7 @@
 #include "server/jobs/damage_log.h"
 #include "server/jobs/errands.h"
 #include "server/jobs/progress.h"
+#include "server/jobs/retention.h"
 #include "server/jobs/watch.h"
 #include "server/store/data_directory.h"
 #include "server/store/store.h"
@@ -56,9 +57,16 @@ struct JobManagerOptions {
   absl::Duration frame_render_time = absl::Seconds(30);
 
   // While less is free on the disk, no task starts, and a task that runs out of space is queued again instead of
-  // failing; 0: no such limit. After a task ran out of space, none starts for the length of the pause.
+  // failing; 0: no such limit.
   int64_t min_free_bytes = 0;
-  absl::Duration full_disk_pause = absl::Seconds(10);
+  // After a task ran out of space, or of file descriptors, it is queued again and none starts for so long.
+  absl::Duration scarcity_pause = absl::Seconds(10);
+  // Of every job; a job's own limits can only be shorter.
+  TimeLimits time_limits;
+  // When jobs expire, for their views; a Collector deletes them.
+  RetentionRules retention;
+  // Whether a new job may name this address for its webhook; empty: none may.
+  std::function<absl::Status(std::string_view url)> check_webhook;
   // Go on although the store is new and the folder has recordings or jobs (inventory.h).
   bool accept_new_store = false;
 
@@ -97,6 +105,13 @@ struct OutputSpec {
 // Of an upsampling: the outputs that each has, then those of its options and its renders. Of a scene flow: its formats.
 std::vector<OutputSpec> OutputsOf(const JobRecord& job);
 
+// One task at work.
+struct RunningTask {
+  Task task;
+  std::string tenant;
+  absl::Time start_time;
+};
+
 // One picture to be rendered now.
 struct FrameRenderOrder {
   int frame = 0;
@@ -124,12 +139,15 @@ class JobManager {
   virtual absl::StatusOr<JobView> Create(const Tenant& tenant, const NewJob& job, std::string_view request_id,
                                          bool validate_only) = 0;
   virtual absl::StatusOr<JobView> Get(const Tenant& tenant, std::string_view id) = 0;
-  virtual absl::StatusOr<Page<JobView>> List(const Tenant& tenant, const JobFilter& filter,
-                                             const PageRequest& page) = 0;
+  virtual absl::StatusOr<Page<JobView>> List(const Tenant& tenant, const JobFilter& filter, const PageRequest& page,
+                                             JobDetail detail = JobDetail::kFull) = 0;
   virtual absl::Status Delete(const Tenant& tenant, std::string_view id) = 0;
   // Returns at once, usually in kCancelling; the children are gone within the grace and a moment.
   virtual absl::StatusOr<JobView> Cancel(const Tenant& tenant, std::string_view id) = 0;
   virtual absl::StatusOr<JobView> Retry(const Tenant& tenant, std::string_view id) = 0;
+  virtual absl::StatusOr<JobView> Pin(const Tenant& tenant, std::string_view id, bool pinned) = 0;
+  // As Store::CollectJob, and the files with it.
+  virtual absl::Status Collect(const Collectable& job) = 0;
 
   // See watch.h. The watch must be destroyed before the manager.
   virtual absl::StatusOr<std::unique_ptr<JobWatch>> Watch(const Tenant& tenant, std::string_view id,
@@ -169,9 +187,14 @@ class JobManager {
   // Ends the validation of a sequence that has just been deleted: its process is gone within the grace and a moment.
   // Returns at once.
   virtual void StopValidation(std::string_view sequence_id) = 0;
-  // Begins no work any more. Returns when no task runs, or after `patience`. Everything else goes on: results are read,
-  // jobs made and watched.
+  // Whether work is begun. Everything else goes on while it is not: running tasks, results are read, jobs made and
+  // watched.
+  virtual void SetDraining(bool draining) = 0;
+  virtual bool IsDraining() = 0;
+  // Begins no work any more. Returns when no task runs, or after `patience`.
   virtual void Drain(absl::Duration patience) = 0;
+  // The tasks that run, in the order in which they began.
+  virtual std::vector<RunningTask> RunningTasks() = 0;
 
   virtual ValidationProgress GetValidationProgress(std::string_view sequence_id) = 0;
   // How many tasks run at the same time.

@@ -37,7 +37,7 @@ UploadWriter::~UploadWriter() { Close().IgnoreError(); }
 
 absl::Status UploadWriter::CheckTurn() const {
   if (turn_->number == turn_number_) return absl::OkStatus();
-  return WithErrorInfo(absl::AbortedError("another connection has taken over this upload"),
+  return WithErrorInfo(absl::AbortedError("another call has taken over this upload, or deleted it"),
                        {.reason = "TAKEN_OVER", .metadata = {{"upload", upload_.id}}});
 }
 
@@ -50,10 +50,11 @@ absl::Status UploadWriter::Write(int64_t offset, std::string_view bytes, uint32_
                              "write_offset = %d, but the upload is at %d; continue from there", offset, written_)),
                          {.reason = "OFFSET_MISMATCH", .metadata = {committed}});
   }
-  if (static_cast<int64_t>(bytes.size()) > sequences_.limits_.max_chunk_bytes) {
-    return LimitExceeded("max_chunk_bytes", sequences_.limits_.max_chunk_bytes,
+  if (const int64_t most = sequences_.store_.limits().Get().max_chunk_bytes;
+      static_cast<int64_t>(bytes.size()) > most) {
+    return LimitExceeded("max_chunk_bytes", most,
                          absl::StrFormat("the message carries %d bytes, at most %d are allowed; send smaller pieces",
-                                         bytes.size(), sequences_.limits_.max_chunk_bytes));
+                                         bytes.size(), most));
   }
   if (static_cast<int64_t>(bytes.size()) > upload_.size_bytes - written_) {
     return WithErrorInfo(
@@ -84,13 +85,17 @@ absl::Status UploadWriter::WriteToFiles(std::string_view bytes) {
     RETURN_IF_ERROR(ResumeSums());
     const int64_t left = file_start_ + file.size_bytes - written_;
     const std::string_view piece = bytes.substr(0, static_cast<size_t>(left));
-    RETURN_IF_ERROR(sequences_.blobs_.Write(upload_.sequence_id, file.path, written_ - file_start_, piece));
-    touched_ = true;
+    RETURN_IF_ERROR(WriteToFile(file.path, written_ - file_start_, piece));
     sums_->blocks.Update(piece);
     if (sums_->sha256) sums_->sha256->Update(piece);
     written_ += static_cast<int64_t>(piece.size());
     bytes.remove_prefix(piece.size());
   }
+}
+
+absl::Status UploadWriter::WriteToFile(std::string_view path, int64_t offset, std::string_view bytes) {
+  if (!std::exchange(touched_, true)) failed_syncs_ = sequences_.blobs_.FailedSyncs();
+  return sequences_.blobs_.Write(upload_.sequence_id, path, offset, bytes);
 }
 
 absl::Status UploadWriter::ResumeSums() {
@@ -111,8 +116,7 @@ absl::Status UploadWriter::ResumeSums() {
 absl::Status UploadWriter::CompleteFile() {
   const UploadFile& file = files_[file_];
   if (file.size_bytes == 0) {
-    RETURN_IF_ERROR(sequences_.blobs_.Write(upload_.sequence_id, file.path, 0, {}));
-    touched_ = true;
+    RETURN_IF_ERROR(WriteToFile(file.path, 0, {}));
   }
   RETURN_IF_ERROR(ResumeSums());
   Sums sums = *std::exchange(sums_, std::nullopt);
@@ -130,7 +134,15 @@ absl::Status UploadWriter::CompleteFile() {
 }
 
 absl::Status UploadWriter::Flush() {
-  if (touched_) RETURN_IF_ERROR(sequences_.blobs_.MakeDurable());
+  RETURN_IF_ERROR(lost_);
+  if (touched_) {
+    lost_ = sequences_.blobs_.MakeDurable();
+    // The sync of another upload has failed and may have lost bytes of this one.
+    if (lost_.ok() && sequences_.blobs_.FailedSyncs() != failed_syncs_) {
+      lost_ = absl::UnavailableError("bytes were lost on the way to the disk; continue from committed_size");
+    }
+    RETURN_IF_ERROR(lost_);
+  }
   touched_ = false;
   if (written_ == upload_.committed_size && complete_.empty()) return absl::OkStatus();
   RETURN_IF_ERROR(sequences_.store_.SetCommittedSize(upload_.id, written_, complete_));
@@ -144,6 +156,7 @@ absl::StatusOr<UploadRecord> UploadWriter::Close() {
   const std::lock_guard lock(turn_->mutex);
   RETURN_IF_ERROR(CheckTurn());
   RETURN_IF_ERROR(Flush());
+  ASSIGN_OR_RETURN(upload_, sequences_.store_.GetUpload(Tenant::Everyone(), upload_.sequence_id, upload_.id));
   return upload_;
 }
 
@@ -159,9 +172,9 @@ absl::StatusOr<UploadRecord> UploadWriter::Finish() {
   return upload_;
 }
 
-Sequences::Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work,
+Sequences::Sequences(Store& store, BlobStore& blobs, std::function<void()> on_work,
                      std::function<void(std::string_view id)> on_delete)
-    : store_(store), blobs_(blobs), limits_(limits), on_work_(std::move(on_work)), on_delete_(std::move(on_delete)) {}
+    : store_(store), blobs_(blobs), on_work_(std::move(on_work)), on_delete_(std::move(on_delete)) {}
 
 absl::StatusOr<SequenceRecord> Sequences::Create(const Tenant& tenant, std::string_view display_name,
                                                  std::string_view request_id) {
@@ -187,10 +200,11 @@ absl::Status Sequences::Delete(const Tenant& tenant, std::string_view id) {
 }
 
 absl::StatusOr<UploadRecord> Sequences::StartUpload(const Tenant& tenant, std::string_view sequence_id,
-                                                    const std::vector<UploadFile>& files, std::string_view request_id) {
+                                                    const std::vector<UploadFile>& files, std::string_view request_id,
+                                                    std::string_view metadata) {
   ASSIGN_OR_RETURN(const int64_t free_bytes, blobs_.FreeBytes());
-  const int64_t room_bytes = std::max<int64_t>(0, free_bytes - limits_.reserved_disk_bytes);
-  return store_.CreateUpload(tenant, sequence_id, files, room_bytes, request_id);
+  const int64_t room_bytes = std::max<int64_t>(0, free_bytes - store_.limits().Get().reserved_disk_bytes);
+  return store_.CreateUpload(tenant, sequence_id, files, room_bytes, request_id, metadata);
 }
 
 absl::StatusOr<UploadRecord> Sequences::GetUpload(const Tenant& tenant, std::string_view sequence_id,
@@ -198,18 +212,39 @@ absl::StatusOr<UploadRecord> Sequences::GetUpload(const Tenant& tenant, std::str
   return store_.GetUpload(tenant, sequence_id, upload_id);
 }
 
-absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(const Tenant& tenant, std::string_view sequence_id,
-                                                                    std::string_view upload_id) {
+absl::StatusOr<std::shared_ptr<UploadWriter::Turn>> Sequences::TurnOf(const Tenant& tenant,
+                                                                      std::string_view sequence_id,
+                                                                      std::string_view upload_id) {
   // Checked before the turn exists, so that unknown ids leave nothing behind.
   RETURN_IF_ERROR(store_.GetUpload(tenant, sequence_id, upload_id).status());
-  std::shared_ptr<UploadWriter::Turn> turn;
-  {
-    const std::lock_guard lock(mutex_);
-    std::erase_if(turns_, [](const auto& entry) { return entry.second.expired(); });
-    std::weak_ptr<UploadWriter::Turn>& known = turns_[std::string(upload_id)];
-    turn = known.lock();
-    if (!turn) known = turn = std::make_shared<UploadWriter::Turn>();
-  }
+  const std::lock_guard lock(mutex_);
+  std::erase_if(turns_, [](const auto& entry) { return entry.second.expired(); });
+  std::weak_ptr<UploadWriter::Turn>& known = turns_[std::string(upload_id)];
+  std::shared_ptr<UploadWriter::Turn> turn = known.lock();
+  if (!turn) known = turn = std::make_shared<UploadWriter::Turn>();
+  return turn;
+}
+
+absl::Status Sequences::DeleteUpload(const Tenant& tenant, std::string_view sequence_id, std::string_view upload_id) {
+  ASSIGN_OR_RETURN(const std::shared_ptr<UploadWriter::Turn> turn, TurnOf(tenant, sequence_id, upload_id));
+  const std::lock_guard lock(turn->mutex);
+  ASSIGN_OR_RETURN(const std::vector<UploadFile> files, store_.UploadFiles(upload_id));
+  const auto rewind = [&]() -> absl::Status {
+    RETURN_IF_ERROR(store_.RewindUpload(tenant, sequence_id, upload_id));
+    ++turn->number;
+    return absl::OkStatus();
+  };
+  const auto remove = [&]() -> absl::Status {
+    for (const UploadFile& file : files) RETURN_IF_ERROR(blobs_.RemoveFile(sequence_id, file.path));
+    return absl::OkStatus();
+  };
+  RETURN_IF_ERROR(DeleteWithFiles(absl::StrCat("uploads/", std::string(upload_id)), rewind, remove));
+  return store_.DeleteUpload(tenant, sequence_id, upload_id);
+}
+
+absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(const Tenant& tenant, std::string_view sequence_id,
+                                                                    std::string_view upload_id) {
+  ASSIGN_OR_RETURN(std::shared_ptr<UploadWriter::Turn> turn, TurnOf(tenant, sequence_id, upload_id));
   // While the turn's mutex is held, the earlier writer is between two writes, and its last ones may not be durable yet:
   // they are written again, from the size that the store knows.
   const std::lock_guard lock(turn->mutex);
@@ -221,18 +256,16 @@ absl::StatusOr<std::unique_ptr<UploadWriter>> Sequences::OpenUpload(const Tenant
       new UploadWriter(*this, std::move(upload), std::move(files), std::move(turn), number));
 }
 
-absl::StatusOr<std::vector<std::string>> Sequences::RemoveAbandoned(absl::Time before) {
-  ASSIGN_OR_RETURN(const std::vector<std::string> abandoned, store_.AbandonedSequences(before));
-  std::vector<std::string> removed;
-  for (const std::string& id : abandoned) {
-    const absl::Status deleted = DeleteWithFiles(
-        absl::StrCat("sequences/", id), [&] { return store_.DeleteAbandonedSequence(id, before); },
-        [&] { return blobs_.Remove(id); });
-    if (absl::IsFailedPrecondition(deleted) || absl::IsNotFound(deleted)) continue;  // it went on
-    RETURN_IF_ERROR(deleted);
-    removed.push_back(id);
-  }
-  return removed;
+absl::Status Sequences::RemoveAbandoned(const Collectable& sequence) {
+  return DeleteWithFiles(
+      "sequences/" + sequence.id, [&] { return store_.DeleteAbandonedSequence(sequence); },
+      [&] { return blobs_.Remove(sequence.id); });
+}
+
+absl::Status Sequences::Collect(const Collectable& sequence) {
+  return DeleteWithFiles(
+      "sequences/" + sequence.id, [&] { return store_.CollectSequence(sequence); },
+      [&] { return blobs_.Remove(sequence.id); });
 }
 
 absl::StatusOr<SequenceRecord> Sequences::Commit(const Tenant& tenant, std::string_view id) {

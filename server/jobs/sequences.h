@@ -29,8 +29,8 @@ class Sequences;
 // Errors: OutOfRange (OFFSET_MISMATCH) when `offset` is not where the upload stands; DataLoss (CHECKSUM_MISMATCH) when
 // a crc32c or a file's sha256 does not match: nothing of that message, or of that file, is kept; ResourceExhausted when
 // the disk is full; Aborted (TAKEN_OVER) once another writer of the same upload was opened: the newer connection wins,
-// because the older one is usually dead without knowing. After an error only Close makes sense, and a new writer may go
-// on. Threads: one at a time.
+// because the older one is usually dead without knowing; Unavailable when bytes were lost on the way to the disk
+// because of another upload. After an error only Close makes sense, and a new writer may go on. Threads: one at a time.
 class UploadWriter {
  public:
   ~UploadWriter();
@@ -54,6 +54,7 @@ class UploadWriter {
   // All of these with the turn's mutex held.
   absl::Status CheckTurn() const;
   absl::Status WriteToFiles(std::string_view bytes);
+  absl::Status WriteToFile(std::string_view path, int64_t offset, std::string_view bytes);
   // Takes up the checksums of the current file where it stands.
   absl::Status ResumeSums();
   absl::Status CompleteFile();
@@ -64,10 +65,12 @@ class UploadWriter {
   const std::vector<UploadFile> files_;
   const std::shared_ptr<Turn> turn_;
   const int64_t turn_number_;
-  size_t file_ = 0;         // the file being written
-  int64_t file_start_ = 0;  // its offset in the upload
-  int64_t written_ = 0;     // offset in the upload; bytes beyond committed_size are not yet durable
-  bool touched_ = false;    // something was written that is not durable yet
+  size_t file_ = 0;           // the file being written
+  int64_t file_start_ = 0;    // its offset in the upload
+  int64_t written_ = 0;       // offset in the upload; bytes beyond committed_size are not yet durable
+  bool touched_ = false;      // something was written that is not durable yet
+  int64_t failed_syncs_ = 0;  // of the blobs, before the first of it was written
+  absl::Status lost_;         // why it never will be: what was written must be written again, by another writer
   // Of the current file up to written_; none if it is not begun.
   struct Sums {
     BlockChecksums blocks;
@@ -82,7 +85,7 @@ class Sequences {
  public:
   // `on_work` is called after a commit: there is a validation to do. `on_delete` is called when a sequence is gone from
   // the store, before its files are: its validation is to end. It may be empty.
-  Sequences(Store& store, BlobStore& blobs, const Limits& limits, std::function<void()> on_work,
+  Sequences(Store& store, BlobStore& blobs, std::function<void()> on_work,
             std::function<void(std::string_view id)> on_delete = nullptr);
 
   // As in Store.
@@ -96,22 +99,34 @@ class Sequences {
 
   // As Store::CreateUpload; also ResourceExhausted (DISK_FULL) when the disk has no room for it.
   absl::StatusOr<UploadRecord> StartUpload(const Tenant& tenant, std::string_view sequence_id,
-                                           const std::vector<UploadFile>& files, std::string_view request_id);
+                                           const std::vector<UploadFile>& files, std::string_view request_id,
+                                           std::string_view metadata = {});
   absl::StatusOr<UploadRecord> GetUpload(const Tenant& tenant, std::string_view sequence_id,
                                          std::string_view upload_id);
+  // With its bytes; a writer of it gets Aborted (TAKEN_OVER). FailedPrecondition if it is finished.
+  absl::Status DeleteUpload(const Tenant& tenant, std::string_view sequence_id, std::string_view upload_id);
   // Takes over from any earlier writer of this upload. FailedPrecondition if it is finished.
   absl::StatusOr<std::unique_ptr<UploadWriter>> OpenUpload(const Tenant& tenant, std::string_view sequence_id,
                                                            std::string_view upload_id);
-  // Deletes those that are still UPLOADING and of which no byte has come since `before`. Returns their ids.
-  absl::StatusOr<std::vector<std::string>> RemoveAbandoned(absl::Time before);
+  // As Store::DeleteAbandonedSequence and Store::CollectSequence, and the files with it.
+  absl::Status RemoveAbandoned(const Collectable& sequence);
+  absl::Status Collect(const Collectable& sequence);
+  // As Store::PinSequence.
+  absl::StatusOr<SequenceRecord> Pin(const Tenant& tenant, std::string_view id, bool pinned) {
+    return store_.PinSequence(tenant, id, pinned);
+  }
+  LiveLimits& limits() { return store_.limits(); }
   absl::StatusOr<SequenceRecord> Commit(const Tenant& tenant, std::string_view id);
 
  private:
   friend class UploadWriter;
 
+  // NotFound for an upload that does not exist.
+  absl::StatusOr<std::shared_ptr<UploadWriter::Turn>> TurnOf(const Tenant& tenant, std::string_view sequence_id,
+                                                             std::string_view upload_id);
+
   Store& store_;
   BlobStore& blobs_;
-  const Limits limits_;
   const std::function<void()> on_work_;
   const std::function<void(std::string_view id)> on_delete_;
   std::mutex mutex_;

@@ -36,6 +36,14 @@ absl::Status ToStatus(const json& value) {
   return absl::Status(code, message);
 }
 
+std::vector<FileViolation> ToViolations(const json& answer) {
+  std::vector<FileViolation> violations;
+  for (const json& violation : answer.at("violations")) {
+    violations.push_back({.file = violation.at("file"), .status = ToStatus(violation)});
+  }
+  return violations;
+}
+
 // `read` returns the value or an error, or throws what nlohmann::json throws about missing members and wrong types.
 template <typename T, typename Read>
 absl::StatusOr<T> ReadJson(std::string_view text, const Read& read) {
@@ -66,10 +74,15 @@ bool IsPlainName(const std::string& name) {
 }
 
 constexpr size_t kMaxText = 2000;  // of text for people
+constexpr size_t kMaxWarnings = 50;
 
 absl::StatusOr<JobPlan> CheckPlan(JobPlan plan) {
   if (plan.clock_estimate && plan.clock_estimate->reason.size() > kMaxText) {
     return Disagreement("a clock with too long a reason");
+  }
+  const auto is_long = [](const std::string& warning) { return warning.size() > kMaxText; };
+  if (plan.warnings.size() > kMaxWarnings || std::any_of(plan.warnings.begin(), plan.warnings.end(), is_long)) {
+    return Disagreement("too many or too long warnings");
   }
   if (plan.intervals.empty()) return Disagreement("a plan without intervals");
   int next_frame = 0;
@@ -121,6 +134,25 @@ std::vector<std::string> TaskCommand(const Task& task, const TaskPaths& paths, s
   if (task.kind != TaskKind::kPrepare) add("--out", paths.out);
   if (!paths.self_check.empty()) add("--self-check", paths.self_check);
   return command;
+}
+
+std::vector<std::string> UnpackCommand(const TaskPaths& paths, std::string_view archive, int max_files,
+                                       int64_t max_bytes) {
+  return {paths.program,
+          "task",
+          "unpack",
+          "--sequence",
+          paths.sequence,
+          "--progress-fd",
+          "3",
+          "--archive",
+          std::string(archive),
+          "--out",
+          paths.out,
+          "--max-files",
+          absl::StrCat(max_files),
+          "--max-bytes",
+          absl::StrCat(max_bytes)};
 }
 
 std::string OrderJson(JobKind kind, const std::string& options, const std::vector<RenderRecord>& renders) {
@@ -205,13 +237,20 @@ absl::StatusOr<std::vector<RenderRecord>> ParseRenderPlans(std::string_view text
   return renders;
 }
 
+absl::StatusOr<std::vector<FileViolation>> ParseUnpacking(std::string_view text) {
+  using Violations = std::vector<FileViolation>;
+  return ReadJson<Violations>(text, [](const json& value) -> absl::StatusOr<Violations> {
+    Violations violations = ToViolations(value);
+    if (value.at("ok").get<bool>() != violations.empty()) return Disagreement("an archive that is good and bad");
+    return violations;
+  });
+}
+
 absl::StatusOr<ValidationResult> ParseValidation(std::string_view text) {
   return ReadJson<ValidationResult>(text, [](const json& value) -> absl::StatusOr<ValidationResult> {
     ValidationResult result;
     result.warnings = value.at("warnings").get<std::vector<std::string>>();
-    for (const json& violation : value.at("violations")) {
-      result.violations.push_back({.file = violation.at("file"), .status = ToStatus(violation)});
-    }
+    result.violations = ToViolations(value);
     if (value.at("ok").get<bool>()) {
       ASSIGN_OR_RETURN(result.recording, ToRecording(value));
     }
@@ -249,9 +288,12 @@ absl::StatusOr<JobPlan> ParsePlan(std::string_view text) {
         for (const json& frame : value.at("frames")) {
           read.frames.push_back({.index = frame.at("index"), .time_ns = frame.at("time_ns"), .stem = frame.at("stem")});
         }
-        // A plan of scene flow has no clock.
+        // A plan of scene flow has no clock and no constants.
         if (value.contains("clock") && value.at("clock").contains("estimate")) {
           read.clock_estimate = ClockEstimateFromJson(value.at("clock").at("estimate"));
+        }
+        if (value.contains("constants")) {
+          read.warnings = value.at("constants").at("warnings").get<std::vector<std::string>>();
         }
         return read;
       }));

@@ -2,6 +2,7 @@
 #ifndef DEPTHTWEEN_SERVER_JOBS_TASK_PROTOCOL_H_
 #define DEPTHTWEEN_SERVER_JOBS_TASK_PROTOCOL_H_
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -63,6 +64,12 @@ absl::Status LostStatus(const ProgressLine::Lost& lost, std::string_view job_id,
 // How many frames of an interval have motion, from the report that `intervals` left beside them. Internal if it is
 // malformed.
 absl::StatusOr<int> ParseMotionFrames(std::string_view json);
+
+// `depthtween-core task unpack`: an archive in the folder `sequence`, to the folder `out`.
+std::vector<std::string> UnpackCommand(const TaskPaths& paths, std::string_view archive, int max_files,
+                                       int64_t max_bytes);
+// What `unpack` printed: what is wrong with the archive; nothing if it is unpacked. Internal if it is malformed.
+absl::StatusOr<std::vector<FileViolation>> ParseUnpacking(std::string_view json);
 
 // What `validate` printed. Internal if it is malformed.
 absl::StatusOr<ValidationResult> ParseValidation(std::string_view json);

@@ -17,6 +17,7 @@
 #include "core/sequence/part_reports.h"
 #include "nlohmann/json.hpp"
 #include "server/jobs/child_process.h"
+#include "server/jobs/unpacking.h"
 #include "server/store/error_info.h"
 #include "server/store/files.h"
 #include "server/store/records_json.h"
@@ -33,7 +34,6 @@ bool WorthRetrying(absl::StatusCode code) {
   switch (code) {
     case absl::StatusCode::kUnknown:
     case absl::StatusCode::kInternal:
-    case absl::StatusCode::kUnavailable:
     case absl::StatusCode::kAborted:
     case absl::StatusCode::kCancelled:
     case absl::StatusCode::kDeadlineExceeded:
@@ -338,6 +338,73 @@ absl::Status TaskRunner::TakeAnswer(const Task& task, const JobRecord& job, cons
   return absl::OkStatus();
 }
 
+absl::Status TaskRunner::UnpackArchive(const Task& task, const std::stop_token& stop, TaskOutcome& outcome) {
+  ASSIGN_OR_RETURN(std::optional<SequenceArchive> archive, store_.GetArchive(task.sequence_id));
+  if (!archive) return absl::OkStatus();
+  const std::string sequence = directory_.SequenceFolder(task.sequence_id);
+  RETURN_IF_ERROR(CleanSequence(sequence, *archive));
+  if (archive->unpacked) return absl::OkStatus();
+
+  const std::string folder = directory_.TaskFolder(task.number);
+  RETURN_IF_ERROR(MakeFolder(folder));
+  const TaskPaths paths = {.program = options_.core_program, .sequence = sequence, .out = folder + "/unpacked"};
+  // The archive stays until its files are recorded, so both must have room.
+  ASSIGN_OR_RETURN(const int64_t free_bytes, directory_.FreeBytes());
+  const int64_t room_bytes = std::max<int64_t>(0, free_bytes - options_.min_free_bytes);
+  const Limits limits = store_.limits().Get();
+  const int64_t max_bytes = std::min(limits.max_sequence_bytes, room_bytes);
+  std::optional<absl::Status> said;
+  const absl::StatusOr<ChildOutcome> child =
+      RunChild({.arguments = UnpackCommand(paths, archive->path, limits.max_files_per_sequence, max_bytes),
+                .folder = folder,
+                .memory_bytes = options_.child_memory_bytes,
+                .file_bytes = options_.child_file_bytes,
+                .cpu_seconds = options_.task_cpu_seconds,
+                .grace = options_.grace,
+                .stall_limit = options_.task_stall},
+               stop, [&said](std::string_view text) {
+                 const ProgressLine line = ParseProgressLine(text);
+                 if (line.error) said = line.error;
+                 return true;
+               });
+  if (!child.ok()) return WithContext(child.status(), "start of depthtween-core");
+  outcome.stopped = child->stopped && (!child->stalled || stop.stop_requested());
+  if (outcome.stopped) return absl::CancelledError("the task was stopped");
+  if (child->stalled || child->exit_code != 0) return ChildError(task, *child, options_, said, "unpacking");
+  ASSIGN_OR_RETURN(const std::string answer, ReadWholeFile(folder + "/stdout", kMaxAnswerBytes));
+  ASSIGN_OR_RETURN(std::vector<FileViolation> violations, ParseUnpacking(answer));
+  if (violations.empty()) {
+    absl::StatusOr<UnpackedFiles> unpacked =
+        ListUnpacked(paths.out, *archive, limits.max_files_per_sequence, max_bytes, stop);
+    outcome.stopped = absl::IsCancelled(unpacked.status());
+    RETURN_IF_ERROR(unpacked.status());
+    violations = std::move(unpacked->violations);
+    if (violations.empty()) {
+      if (absl::Status moved = MoveUnpacked(paths.out, sequence); !moved.ok()) {
+        CleanSequence(sequence, *archive).IgnoreError();  // the next attempt does it again
+        return moved;
+      }
+      const absl::Status recorded = store_.FinishUnpacking(task.number, *archive, unpacked->files);
+      const std::optional<ErrorInfo> info = GetErrorInfo(recorded);
+      if (info && info->reason == "LIMIT_EXCEEDED") {
+        violations.push_back({.file = archive->path, .status = recorded});
+      } else {
+        RETURN_IF_ERROR(recorded);
+        archive->unpacked = true;
+      }
+      RETURN_IF_ERROR(CleanSequence(sequence, *archive));
+    }
+  }
+  if (violations.empty()) return absl::OkStatus();
+  if (max_bytes == room_bytes && absl::IsResourceExhausted(violations.front().status)) {
+    return DiskFull(absl::StrCat(archive->path, " ", violations.front().status.message(),
+                                 ", because there is no more room on the server's disk"));
+  }
+  outcome.validation = ValidationResult{.violations = std::move(violations)};
+  LimitViolations(*outcome.validation);
+  return absl::OkStatus();
+}
+
 absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const std::stop_token& stop,
                                  const TaskEvents& events, TaskOutcome& outcome) {
   if (absl::Status inputs = inputs_.OfTask(task, job, stop); !inputs.ok()) {
@@ -350,6 +417,10 @@ absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const s
       ASSIGN_OR_RETURN(outcome.plan, TakeOverDepth(job));
       return absl::OkStatus();
     }
+  }
+  if (task.kind == TaskKind::kValidate) {
+    RETURN_IF_ERROR(UnpackArchive(task, stop, outcome));
+    if (outcome.validation) return absl::OkStatus();
   }
   ASSIGN_OR_RETURN(const TaskPaths paths, WriteOrder(task, job));
   std::vector<PlannedInterval> intervals;
@@ -387,6 +458,7 @@ absl::Status TaskRunner::Attempt(const Task& task, const JobRecord& job, const s
 
   const std::string render = task.kind == TaskKind::kRender ? job.renders[task.render].name : std::string();
   const absl::StatusOr<ChildOutcome> child = RunChild({.arguments = TaskCommand(task, paths, render),
+                                                       .host = host_,
                                                        .folder = directory_.TaskFolder(task.number),
                                                        .memory_bytes = options_.child_memory_bytes,
                                                        .file_bytes = options_.child_file_bytes,

@@ -12,6 +12,7 @@
 #include "core/base/status.h"
 #include "server/jobs/input_check.h"
 #include "server/jobs/job_manager.h"
+#include "server/jobs/task_host.h"
 #include "server/jobs/task_protocol.h"
 #include "server/store/data_directory.h"
 #include "server/store/records.h"
@@ -44,11 +45,13 @@ struct TaskEvents {
 class TaskRunner {
  public:
   // Borrows `directory`, `store` and `damage`.
-  TaskRunner(const DataDirectory& directory, Store& store, DamageLog& damage, const JobManagerOptions& options)
-      : directory_(directory), store_(store), inputs_(directory, store, damage), options_(options) {}
+  // `host` may be null: each child is then started as a program.
+  TaskRunner(const DataDirectory& directory, Store& store, DamageLog& damage, const JobManagerOptions& options,
+             TaskHost* host = nullptr)
+      : directory_(directory), store_(store), inputs_(directory, store, damage), options_(options), host_(host) {}
 
   // Returns when the child has ended. `job` is for all but validate tasks.
-  // Threads: may be called concurrently, for different tasks. The child dies with the calling thread.
+  // Threads: may be called concurrently, for different tasks. The child dies with the calling thread, or with the host.
   TaskOutcome Run(const Task& task, const JobRecord& job, const std::stop_token& stop, const TaskEvents& events);
 
  private:
@@ -59,6 +62,9 @@ class TaskRunner {
   absl::StatusOr<TaskPaths> WriteOrder(const Task& task, const JobRecord& job);
   // Of a child that ended well: reads what it answered and makes durable what it left.
   absl::Status TakeAnswer(const Task& task, const JobRecord& job, const TaskPaths& paths, TaskOutcome& outcome);
+  // Of a validate task: if its sequence is an archive, puts the files in its place. Sets outcome.validation, and
+  // changes nothing, if the archive is not in order.
+  absl::Status UnpackArchive(const Task& task, const std::stop_token& stop, TaskOutcome& outcome);
   std::string ConstantsFile(const std::string& job_id) const;
   // Returns the files that it moved.
   absl::StatusOr<std::vector<FileChecksum>> MoveInterval(const Task& task, const JobRecord& job,
@@ -76,6 +82,7 @@ class TaskRunner {
   Store& store_;
   InputCheck inputs_;
   const JobManagerOptions options_;
+  TaskHost* const host_;
 };
 
 }  // namespace depthtween::server

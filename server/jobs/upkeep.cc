@@ -13,6 +13,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "server/jobs/scrub.h"
+#include "server/store/data_directory.h"
+#include "server/store/sqlite_store.h"
 #include "server/telemetry/log.h"
 
 namespace depthtween::server {
@@ -21,6 +23,8 @@ namespace {
 constexpr int kScrubPage = 64;  // files between two records of how far it is
 // A small folder is done soon; a large one gets the speed that its round needs.
 constexpr int64_t kLeastScrubBytesPerSecond = 1 << 20;
+// How long a round takes that is asked for where none come by themselves.
+constexpr absl::Duration kRoundWithoutSchedule = absl::Hours(24);
 
 void Sleep(absl::Duration time, const std::stop_token& stop) {
   std::mutex mutex;
@@ -39,28 +43,42 @@ std::string Text(const absl::Status& status) { return std::string(status.message
 
 }  // namespace
 
-Upkeep::Upkeep(Store& store, Sequences& sequences, DamageLog& damage, std::string data_dir,
+Upkeep::Upkeep(Store& store, Collector& collector, DamageLog& damage, std::string data_dir,
                const UpkeepOptions& options)
-    : store_(store), sequences_(sequences), damage_(damage), data_dir_(std::move(data_dir)), options_(options) {
-  if (options_.keep_uploads > absl::ZeroDuration()) {
-    uploads_ = std::jthread([this](const std::stop_token& stop) { ExpireUploads(stop); });
-  }
-  if (options_.scrub_round > absl::ZeroDuration()) {
-    scrub_ = std::jthread([this](const std::stop_token& stop) { Scrub(stop); });
+    : store_(store), collector_(collector), damage_(damage), data_dir_(std::move(data_dir)), options_(options) {
+  collecting_ = std::jthread([this](const std::stop_token& stop) { Collect(stop); });
+  scrub_ = std::jthread([this](const std::stop_token& stop) { Scrub(stop); });
+}
+
+void Upkeep::Collect(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    const absl::Status collected = collector_.Collect(/*dry_run=*/false).status();
+    if (!collected.ok()) LogWarning("cannot collect garbage", {{"error", Text(collected)}});
+    Sleep(options_.gap, stop);
   }
 }
 
-void Upkeep::ExpireUploads(const std::stop_token& stop) {
-  while (!stop.stop_requested()) {
-    const absl::StatusOr<std::vector<std::string>> removed =
-        sequences_.RemoveAbandoned(absl::Now() - options_.keep_uploads);
-    if (!removed.ok()) LogWarning("cannot remove abandoned uploads", {{"error", Text(removed.status())}});
-    for (const std::string& id : removed.ok() ? *removed : std::vector<std::string>()) {
-      LogInfo("abandoned upload removed",
-              {{"sequence", id}, {"no_byte_for", absl::FormatDuration(options_.keep_uploads)}});
-    }
-    Sleep(options_.gap, stop);
+void Upkeep::StartScrub() {
+  {
+    const std::lock_guard lock(mutex_);
+    round_wanted_ = true;
   }
+  round_wanted_changed_.notify_all();
+}
+
+absl::StatusOr<ScrubState> Upkeep::GetScrub() {
+  ASSIGN_OR_RETURN(const ScrubRecord record, store_.GetScrub());
+  const std::lock_guard lock(mutex_);
+  return ScrubState{.running = !record.over || round_wanted_,
+                    .start_time = record.start_time,
+                    .files_checked = files_checked_,
+                    .damaged_files = damage_.files()};
+}
+
+void Upkeep::WaitForRound(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  round_wanted_changed_.wait_for(lock, stop, absl::ToChronoMicroseconds(options_.gap),
+                                 [this] { return round_wanted_; });
 }
 
 void Upkeep::Scrub(const std::stop_token& stop) {
@@ -70,21 +88,38 @@ void Upkeep::Scrub(const std::stop_token& stop) {
     absl::StatusOr<ScrubRecord> at = store_.GetScrub();
     absl::Status failed = at.status();
     if (at.ok() && at->over) {
-      if (absl::Now() < at->start_time + options_.scrub_round) {
-        Sleep(options_.gap, stop);
+      const bool due =
+          options_.scrub_round > absl::ZeroDuration() && absl::Now() >= at->start_time + options_.scrub_round;
+      bool wanted = false;
+      {
+        const std::lock_guard lock(mutex_);
+        wanted = round_wanted_;
+      }
+      if (!due && !wanted) {
+        WaitForRound(stop);
         continue;
       }
       *at = {.start_time = absl::Now(), .over = false};
+      failed = store_.SetScrub(*at);
       found = {};
+      files_checked_ = 0;
+      if (failed.ok()) {
+        const std::lock_guard lock(mutex_);
+        round_wanted_ = false;
+      }
+      const absl::Status database = CheckSqliteFile(absl::StrCat(data_dir_, "/", kDatabaseName));
+      if (absl::IsDataLoss(database)) damage_.Report(kDatabaseName, Text(database));
     }
     const absl::StatusOr<int64_t> bytes = store_.StoredBytes();
     // Twice as fast as the round needs, so that a restart and what is added meanwhile do not make it late.
-    const auto needed = static_cast<int64_t>(2.0 * static_cast<double>(bytes.value_or(0)) /
-                                             absl::ToDoubleSeconds(options_.scrub_round));
+    const double round_s = absl::ToDoubleSeconds(options_.scrub_round > absl::ZeroDuration() ? options_.scrub_round
+                                                                                             : kRoundWithoutSchedule);
+    const auto needed = static_cast<int64_t>(2.0 * static_cast<double>(bytes.value_or(0)) / round_s);
     while (failed.ok() && !at->over && !stop.stop_requested()) {
       absl::StatusOr<std::string> next = ScrubSome(store_, data_dir_, at->cursor, kScrubPage,
                                                    std::max(needed, kLeastScrubBytesPerSecond), stop, found);
       for (const FileFault& fault : std::exchange(found.faults, {})) damage_.Report(fault.path, fault.what);
+      files_checked_ = found.files;
       failed = next.status();
       if (!next.ok()) break;
       at->over = next->empty();

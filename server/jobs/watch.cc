@@ -57,7 +57,7 @@ bool JobWatch::Deleted() {
 
 WatchHub::WatchHub()
     : epoch_(absl::StrCat(absl::Hex(absl::ToUnixNanos(absl::Now())))),
-      ringer_([this](std::stop_token stop) { RingBells(stop); }) {}
+      ringer_([this](const std::stop_token& stop) { RingBells(stop); }) {}
 
 WatchHub::~WatchHub() {
   ringer_.request_stop();
@@ -121,13 +121,18 @@ void WatchHub::Publish(JobEvent::Kind kind, const JobView& job, int first_frame,
   DropIfIdle(topics_.find(job.record.id));
 }
 
-std::vector<std::string> WatchHub::WatchedJobs() {
+std::vector<JobRecord> WatchHub::Moved(const std::map<std::string, int, std::less<>>& places, size_t limit) {
   const std::lock_guard lock(mutex_);
-  std::vector<std::string> ids;
+  std::vector<JobRecord> moved;
   for (const auto& [id, topic] : topics_) {
-    if (!topic.bells.empty()) ids.push_back(id);
+    if (topic.bells.empty() || topic.latest.record.state != JobState::kQueued) continue;
+    const auto place = places.find(id);
+    if (place == places.end() || topic.latest.record.queue_position == place->second) continue;
+    moved.push_back(topic.latest.record);
+    moved.back().queue_position = place->second;
+    if (moved.size() >= limit) break;
   }
-  return ids;
+  return moved;
 }
 
 void WatchHub::Forget(std::string_view job_id) {
@@ -147,7 +152,7 @@ void WatchHub::Ring(const Topic& topic) {
   to_ring_changed_.notify_one();
 }
 
-void WatchHub::RingBells(std::stop_token stop) {
+void WatchHub::RingBells(const std::stop_token& stop) {
   while (true) {
     std::vector<std::shared_ptr<JobWatch::Bell>> bells;
     {

@@ -27,6 +27,7 @@ namespace depthtween::server {
 struct JobView {
   JobRecord record;
   Progress progress;
+  absl::Time expire_time = absl::InfiniteFuture();  // when the server deletes it; InfiniteFuture: it does not
 };
 
 struct JobEvent {
@@ -82,8 +83,9 @@ class WatchHub {
   // A change of the job. Calls about one job must be made in the order of the changes.
   void Publish(JobEvent::Kind kind, const JobView& job, int first_frame = 0, int frame_count = 0,
                std::string_view render = {});
-  // Ids of the jobs that have watchers.
-  std::vector<std::string> WatchedJobs();
+  // Of the jobs that were queued when they were last published, have watchers, and stand elsewhere in the queue now:
+  // that record, with its new place; no more than `limit`. `places` are those of all queued jobs.
+  std::vector<JobRecord> Moved(const std::map<std::string, int, std::less<>>& places, size_t limit);
   // The job is gone: its watchers are told, its events forgotten.
   void Forget(std::string_view job_id);
 
@@ -106,7 +108,7 @@ class WatchHub {
   void DropIfIdle(Topics::iterator topic);
   void Ring(const Topic& topic);
 
-  void RingBells(std::stop_token stop);
+  void RingBells(const std::stop_token& stop);
 
   const std::string epoch_;  // of this process: tokens of another are not known
   std::mutex mutex_;

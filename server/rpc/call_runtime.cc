@@ -149,10 +149,12 @@ Call::Call(CallRuntime& runtime, grpc::CallbackServerContext* context, CallKind 
       method_(method),
       scope_(ScopeOfMethod(method)),
       names_{.subject = std::string(subject), .request_id = ChooseRequestId(Metadata(*context, kRequestIdKey))},
+      traceparent_(ContinueTrace(Metadata(*context, kTraceparentKey))),
       peer_(PeerOf(*context)),
       start_(absl::Now()),
       admission_(Enter(*context)) {
   context->AddInitialMetadata(kRequestIdKey, names_.request_id);
+  context->AddInitialMetadata(kTraceparentKey, traceparent_);
 }
 
 Call::~Call() { runtime_.Leave(kind_, clients_); }
@@ -182,6 +184,7 @@ grpc::Status Call::Answer(const absl::Status& status) const {
        {"ms", absl::StrFormat("%.1f", absl::ToDoubleMilliseconds(absl::Now() - start_))},
        {"subject", names_.subject},
        {"request", names_.request_id},
+       {"trace", TraceOf(traceparent_)},
        {"tenant", tenant},
        {"token", caller_.token_id},
        {"peer", peer_},
@@ -194,6 +197,7 @@ grpc::Status Call::Answer(const absl::Status& status) const {
                       {"tenant", tenant},
                       {"token", caller_.token_id},
                       {"request", names_.request_id},
+                      {"trace", TraceOf(traceparent_)},
                       {"peer", peer_}});
   }
   return ToGrpcStatus(runtime_.directory_.WithoutPath(status), names_);

@@ -118,6 +118,7 @@ class Call {
   const std::string method_;
   const std::optional<Scope> scope_;  // that it needs
   CallNames names_;
+  const std::string traceparent_;
   const std::string peer_;
   const absl::Time start_;
   Caller caller_ = {.tenant = Tenant(kDefaultTenant), .token_id = {}};

@@ -44,6 +44,19 @@ v1::Job::State Encode(JobState state) {
   return v1::Job::STATE_UNSPECIFIED;
 }
 
+google::protobuf::Duration Encode(absl::Duration duration) {
+  google::protobuf::Duration message;
+  const int64_t nanoseconds = absl::ToInt64Nanoseconds(duration);
+  message.set_seconds(nanoseconds / 1'000'000'000);
+  message.set_nanos(static_cast<int32_t>(nanoseconds % 1'000'000'000));
+  return message;
+}
+
+// Saturates, so that no number of a stranger overflows.
+absl::Duration Decode(const google::protobuf::Duration& message) {
+  return absl::Seconds(message.seconds()) + absl::Nanoseconds(message.nanos());
+}
+
 v1::ClockEstimate Encode(const ClockEstimate& estimate) {
   v1::ClockEstimate message;
   message.set_summary(Summary(estimate));
@@ -92,6 +105,32 @@ v1::SelfCheck Encode(const SelfCheck& check) {
   return message;
 }
 
+v1::Webhook::State Encode(WebhookState state) {
+  switch (state) {
+    case WebhookState::kWaiting:
+      return v1::Webhook::STATE_WAITING;
+    case WebhookState::kSending:
+      return v1::Webhook::STATE_SENDING;
+    case WebhookState::kDelivered:
+      return v1::Webhook::STATE_DELIVERED;
+    case WebhookState::kGivenUp:
+      return v1::Webhook::STATE_GIVEN_UP;
+  }
+  return v1::Webhook::STATE_UNSPECIFIED;
+}
+
+v1::Webhook Encode(const WebhookRecord& webhook) {
+  v1::Webhook message;
+  message.set_url(webhook.url);
+  message.set_state(Encode(webhook.state));
+  message.set_attempts(webhook.attempts);
+  message.set_last_error(webhook.last_error);
+  if (webhook.next_time != absl::InfiniteFuture()) {
+    *message.mutable_next_attempt_time() = server::Encode(webhook.next_time);
+  }
+  return message;
+}
+
 v1::Recording Encode(const Recording& recording) {
   v1::Recording message;
   *message.mutable_camera() = server::Encode(recording.camera);
@@ -129,6 +168,8 @@ absl::StatusOr<NewJob> Decode(const v1::Job& job) {
   ASSIGN_OR_RETURN(result.sequence_id, ParseSequenceName("job.sequence", job.sequence()));
   result.threads = job.threads();
   result.priority = job.priority();
+  result.limits = {.queue = Decode(job.queue_time_limit()), .run = Decode(job.run_time_limit())};
+  result.pinned = job.pinned();
   if (job.renders_size() > kMaxRenders) {
     return InvalidField("job.renders",
                         absl::StrCat("has ", job.renders_size(), " elements, must have at most ", kMaxRenders));
@@ -145,6 +186,10 @@ absl::StatusOr<NewJob> Decode(const v1::Job& job) {
     ASSIGN_OR_RETURN(result.options, OptionsDocument("job.scene_flow_options", job.scene_flow_options()));
   } else {
     ASSIGN_OR_RETURN(result.options, OptionsDocument("job.options", job.options()));
+  }
+  if (job.has_webhook()) {
+    if (job.webhook().url().empty()) return InvalidField("job.webhook.url", "must be set");
+    result.webhook_url = job.webhook().url();
   }
   if (!job.depth_from().empty()) {
     ASSIGN_OR_RETURN(result.depth_from, ParseJobName("job.depth_from", job.depth_from()));
@@ -185,6 +230,7 @@ v1::Sequence Encode(const SequenceRecord& record, const ValidationProgress& prog
   *message.mutable_update_time() = Encode(record.update_time);
   message.set_size_bytes(record.size_bytes);
   message.set_file_count(record.file_count);
+  message.set_pinned(record.pinned);
   if (record.state == SequenceState::kValidating) {
     message.set_checked_frames(progress.checked);
     message.set_frames_to_check(progress.of);
@@ -209,6 +255,8 @@ v1::Upload Encode(const UploadRecord& record) {
   message.set_committed_size(record.committed_size);
   message.set_state(record.finished ? v1::Upload::STATE_FINISHED : v1::Upload::STATE_RECEIVING);
   *message.mutable_create_time() = Encode(record.create_time);
+  if (record.expire_time != absl::InfiniteFuture()) *message.mutable_expire_time() = Encode(record.expire_time);
+  message.set_metadata(record.metadata);
   return message;
 }
 
@@ -224,9 +272,7 @@ v1::Progress Encode(const Progress& progress) {
   message.set_fraction(progress.fraction);
   if (progress.eta) {
     v1::Progress::Eta* eta = message.mutable_eta();
-    const int64_t nanoseconds = absl::ToInt64Nanoseconds(progress.eta->remaining);
-    eta->mutable_remaining()->set_seconds(nanoseconds / 1'000'000'000);
-    eta->mutable_remaining()->set_nanos(static_cast<int32_t>(nanoseconds % 1'000'000'000));
+    *eta->mutable_remaining() = Encode(progress.eta->remaining);
     eta->set_seconds_per_interval(progress.eta->seconds_per_interval);
     eta->set_measured_intervals(progress.eta->measured_intervals);
     eta->set_workers(progress.eta->workers);
@@ -237,24 +283,30 @@ v1::Progress Encode(const Progress& progress) {
   return message;
 }
 
-v1::Job Encode(const JobView& job) {
+v1::Job Encode(const JobView& job, JobDetail detail) {
   const JobRecord& record = job.record;
   v1::Job message;
   if (!record.id.empty()) message.set_name(JobName(record.id));  // one that is only validated has none
   message.set_display_name(record.display_name);
   message.set_sequence(SequenceName(record.sequence_id));
-  if (record.kind == JobKind::kUpsample) {
-    ReadDocument(record.options, message.mutable_options());
-  } else {
-    ReadDocument(record.options, message.mutable_scene_flow_options());
+  if (detail == JobDetail::kFull) {
+    if (record.kind == JobKind::kUpsample) {
+      ReadDocument(record.options, message.mutable_options());
+    } else {
+      ReadDocument(record.options, message.mutable_scene_flow_options());
+    }
+    for (const RenderRecord& render : record.renders) {
+      v1::RenderOptions* added = message.add_renders();
+      ReadDocument(render.options, added);
+      added->set_name(render.name);
+    }
   }
   message.set_threads(record.threads);
   message.set_priority(record.priority);
-  for (const RenderRecord& render : record.renders) {
-    v1::RenderOptions* added = message.add_renders();
-    ReadDocument(render.options, added);
-    added->set_name(render.name);
-  }
+  if (record.limits.queue > absl::ZeroDuration()) *message.mutable_queue_time_limit() = Encode(record.limits.queue);
+  if (record.limits.run > absl::ZeroDuration()) *message.mutable_run_time_limit() = Encode(record.limits.run);
+  message.set_pinned(record.pinned);
+  if (job.expire_time != absl::InfiniteFuture()) *message.mutable_expire_time() = Encode(job.expire_time);
   if (!record.depth_from.empty()) message.set_depth_from(JobName(record.depth_from));
   message.set_state(Encode(record.state));
   message.set_attempt(record.attempt);
@@ -267,6 +319,23 @@ v1::Job Encode(const JobView& job) {
   if (record.end_time != absl::InfiniteFuture()) *message.mutable_end_time() = Encode(record.end_time);
   if (record.self_check) *message.mutable_self_check() = Encode(*record.self_check);
   if (record.clock_estimate) *message.mutable_clock_estimate() = Encode(*record.clock_estimate);
+  for (const std::string& warning : record.warnings) message.add_warnings(warning);
+  if (record.webhook) *message.mutable_webhook() = Encode(*record.webhook);
+  return message;
+}
+
+v1::Limits Encode(const Limits& limits, double max_calls_per_second) {
+  v1::Limits message;
+  message.set_max_sequence_bytes(limits.max_sequence_bytes);
+  message.set_max_files_per_sequence(limits.max_files_per_sequence);
+  message.set_max_files_per_upload(limits.max_files_per_upload);
+  message.set_max_chunk_bytes(limits.max_chunk_bytes);
+  message.set_max_queued_jobs(limits.max_queued_jobs);
+  message.set_max_tenant_bytes(limits.max_tenant_bytes);
+  message.set_max_tenant_queued_jobs(limits.max_tenant_queued_jobs);
+  message.set_max_tenant_tasks(limits.max_tenant_tasks);
+  message.set_max_tenant_uploads(limits.max_tenant_uploads);
+  message.set_max_calls_per_second(max_calls_per_second);
   return message;
 }
 
@@ -287,6 +356,7 @@ v1::JobEvent Encode(const JobEvent& event) {
       change->mutable_progress()->Swap(job.mutable_progress());
       if (job.has_self_check()) change->mutable_self_check()->Swap(job.mutable_self_check());
       if (job.has_clock_estimate()) change->mutable_clock_estimate()->Swap(job.mutable_clock_estimate());
+      change->mutable_warnings()->Swap(job.mutable_warnings());
       break;
     }
     case JobEvent::Kind::kProgress:

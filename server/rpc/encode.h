@@ -11,6 +11,7 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "depthtween/v1/admin.pb.h"
 #include "depthtween/v1/job.pb.h"
 #include "depthtween/v1/output.pb.h"
 #include "depthtween/v1/sequence.pb.h"
@@ -55,7 +56,9 @@ v1::Camera Encode(const Camera& camera);
 v1::Sequence Encode(const SequenceRecord& record, const ValidationProgress& progress);
 v1::Upload Encode(const UploadRecord& record);
 v1::Progress Encode(const Progress& progress);
-v1::Job Encode(const JobView& job);
+// With kBasic, without what a list of that detail does not know.
+v1::Job Encode(const JobView& job, JobDetail detail = JobDetail::kFull);
+v1::Limits Encode(const Limits& limits, double max_calls_per_second);
 v1::JobEvent Encode(const JobEvent& event);
 
 }  // namespace depthtween::server

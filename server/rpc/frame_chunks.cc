@@ -34,13 +34,19 @@ void FrameChunks::Fill(v1::FrameChunk& chunk) {
   } else {
     chunk.clear_header();
   }
-  const std::string_view data = std::string_view(bytes_).substr(sent_, kMessageBytes);
   chunk.set_frame(frame_);
   chunk.set_offset(static_cast<int64_t>(sent_));
-  chunk.set_data(data.data(), data.size());
-  CountBytes("out", static_cast<int64_t>(data.size()));
-  chunk.set_crc32c(Crc32c(data));
-  sent_ += data.size();
+  if (bytes_.size() <= kMessageBytes) {  // one message: neither copied nor summed again
+    chunk.set_data(std::move(bytes_));
+    Clear();
+    chunk.set_crc32c(header_.crc32c());
+  } else {
+    const std::string_view data = std::string_view(bytes_).substr(sent_, kMessageBytes);
+    chunk.set_data(data.data(), data.size());
+    chunk.set_crc32c(Crc32c(data));
+    sent_ += data.size();
+  }
+  CountBytes("out", static_cast<int64_t>(chunk.data().size()));
   if (empty()) {
     chunk.set_next_frame(next_frame_);
   } else {

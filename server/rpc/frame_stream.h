@@ -1,6 +1,7 @@
 // StreamFrames: the frames of one output in the order of time, each as soon as it is stored.
 //
-// Between two messages a stream holds one encoded frame and nothing else: no thread, no transaction, no file.
+// Between two messages a stream holds one encoded frame, the two messages of its base class, and nothing else: no
+// thread, no transaction, no file.
 #ifndef DEPTHTWEEN_SERVER_RPC_FRAME_STREAM_H_
 #define DEPTHTWEEN_SERVER_RPC_FRAME_STREAM_H_
 

@@ -6,12 +6,21 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "proto/depthtween/local_address.h"
 
 namespace depthtween::server {
 
-// OK if the server at `address` says SERVING within `timeout`; Unavailable with what it said otherwise. With `tls_ca`,
-// a PEM file, over TLS. InvalidArgument if that file cannot be read.
-absl::Status CheckHealth(const std::string& address, const std::string& tls_ca, absl::Duration timeout);
+struct HealthCheckOptions {
+  std::string server = LocalServerAddress();  // HOST:PORT or unix:PATH
+  // PEM files. With the first over TLS; the others are our own certificate, for a server that asks for one.
+  std::string tls_ca, tls_cert, tls_key;
+  std::string tls_name;  // what the server's certificate says, where that is not the host of `server`; empty: it is
+  absl::Duration timeout = absl::Seconds(3);
+};
+
+// OK if the server says SERVING in time; Unavailable with what it said otherwise. InvalidArgument if a file cannot be
+// read.
+absl::Status CheckHealth(const HealthCheckOptions& options);
 
 }  // namespace depthtween::server
 

@@ -25,7 +25,9 @@ class JobWatchStream : public ServerStream<v1::JobEvent> {
         jobs_(jobs),
         heartbeat_(heartbeat),
         name_(request.name()),
-        resume_token_(request.resume_token()) {}
+        resume_token_(request.resume_token()) {
+    last_.set_resume_token(resume_token_);
+  }
 
  private:
   absl::StatusOr<Next> Produce() override {
@@ -47,13 +49,15 @@ class JobWatchStream : public ServerStream<v1::JobEvent> {
       said_anything_ = true;
       ended_ = HasEnded(event->job.record.state);
       message() = Encode(*event);
+      last_.set_number(message().number());
+      last_.set_resume_token(message().resume_token());
       next_heartbeat_ = absl::Now() + heartbeat_;
       return Next::kMessage;
     }
     if (watch_->Deleted()) return NoSuchResource(name_);
     if (absl::Now() >= next_heartbeat_) {
-      message().mutable_heartbeat();  // number and resume_token stay those of the event before
-      if (!said_anything_) message().set_resume_token(resume_token_);
+      message() = last_;
+      message().mutable_heartbeat();
       next_heartbeat_ = absl::Now() + heartbeat_;
       return Next::kMessage;
     }
@@ -69,6 +73,7 @@ class JobWatchStream : public ServerStream<v1::JobEvent> {
   const std::string resume_token_;
   std::string id_;
   std::unique_ptr<JobWatch> watch_;
+  v1::JobEvent last_;  // number and resume_token of the event before, which heartbeats repeat
   absl::Time next_heartbeat_ = absl::Now() + heartbeat_;
   bool said_anything_ = false;
   bool ended_ = false;
@@ -76,7 +81,7 @@ class JobWatchStream : public ServerStream<v1::JobEvent> {
 
 class JobService : public v1::JobService::CallbackService {
  public:
-  JobService(CallRuntime& runtime, JobManager& jobs, const Limits& limits, absl::Duration heartbeat)
+  JobService(CallRuntime& runtime, JobManager& jobs, const LiveLimits& limits, absl::Duration heartbeat)
       : runtime_(runtime), jobs_(jobs), limits_(limits), heartbeat_(heartbeat) {}
 
   ServerUnaryReactor* CreateJob(CallbackServerContext* context, const v1::CreateJobRequest* request,
@@ -101,10 +106,11 @@ class JobService : public v1::JobService::CallbackService {
     return runtime_.Unary(context, "ListJobs", "", [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const JobFilter filter, ParseJobFilter(request->filter()));
       ASSIGN_OR_RETURN(const PageRequest page,
-                       ParsePage(request->page_size(), request->page_token(), limits_.max_page_size));
+                       ParsePage(request->page_size(), request->page_token(), limits_.Get().max_page_size));
+      const JobDetail detail = request->view() == v1::JOB_VIEW_FULL ? JobDetail::kFull : JobDetail::kBasic;
       return FillPage(page, response, [&](const PageRequest& some) -> absl::Status {
-        ASSIGN_OR_RETURN(const Page<JobView> views, jobs_.List(caller.tenant, filter, some));
-        for (const JobView& view : views.items) *response->add_jobs() = Encode(view);
+        ASSIGN_OR_RETURN(const Page<JobView> views, jobs_.List(caller.tenant, filter, some, detail));
+        for (const JobView& view : views.items) *response->add_jobs() = Encode(view, detail);
         response->set_next_page_token(views.next_token);
         return absl::OkStatus();
       });
@@ -129,12 +135,32 @@ class JobService : public v1::JobService::CallbackService {
     return AboutOneJob(context, "RetryJob", request->name(), &JobManager::Retry, response);
   }
 
+  ServerUnaryReactor* PinJob(CallbackServerContext* context, const v1::PinJobRequest* request,
+                             v1::Job* response) override {
+    return Pin(context, "PinJob", request->name(), true, response);
+  }
+
+  ServerUnaryReactor* UnpinJob(CallbackServerContext* context, const v1::UnpinJobRequest* request,
+                               v1::Job* response) override {
+    return Pin(context, "UnpinJob", request->name(), false, response);
+  }
+
   grpc::ServerWriteReactor<v1::JobEvent>* WatchJob(CallbackServerContext* context,
                                                    const v1::WatchJobRequest* request) override {
     return LaunchStream<JobWatchStream>(runtime_, context, jobs_, heartbeat_, *request);
   }
 
  private:
+  ServerUnaryReactor* Pin(CallbackServerContext* context, std::string_view method, const std::string& name, bool pinned,
+                          v1::Job* response) {
+    return runtime_.Unary(context, method, name, [=, this](const Caller& caller) -> absl::Status {
+      ASSIGN_OR_RETURN(const std::string id, ParseJobName("name", name));
+      ASSIGN_OR_RETURN(const JobView view, jobs_.Pin(caller.tenant, id, pinned));
+      *response = Encode(view);
+      return absl::OkStatus();
+    });
+  }
+
   ServerUnaryReactor* AboutOneJob(CallbackServerContext* context, std::string_view method, const std::string& name,
                                   absl::StatusOr<JobView> (JobManager::*ask)(const Tenant&, std::string_view),
                                   v1::Job* response) {
@@ -148,13 +174,13 @@ class JobService : public v1::JobService::CallbackService {
 
   CallRuntime& runtime_;
   JobManager& jobs_;
-  const Limits limits_;
+  const LiveLimits& limits_;
   const absl::Duration heartbeat_;
 };
 
 }  // namespace
 
-std::unique_ptr<grpc::Service> MakeJobService(CallRuntime& runtime, JobManager& jobs, const Limits& limits,
+std::unique_ptr<grpc::Service> MakeJobService(CallRuntime& runtime, JobManager& jobs, const LiveLimits& limits,
                                               absl::Duration heartbeat) {
   return std::make_unique<JobService>(runtime, jobs, limits, heartbeat);
 }

@@ -14,7 +14,7 @@
 namespace depthtween::server {
 
 // Borrows everything but `limits`. A watcher without news gets a heartbeat every `heartbeat`.
-std::unique_ptr<grpc::Service> MakeJobService(CallRuntime& runtime, JobManager& jobs, const Limits& limits,
+std::unique_ptr<grpc::Service> MakeJobService(CallRuntime& runtime, JobManager& jobs, const LiveLimits& limits,
                                               absl::Duration heartbeat);
 
 }  // namespace depthtween::server

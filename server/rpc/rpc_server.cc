@@ -12,6 +12,7 @@
 
 #include <mutex>
 #include <string_view>
+#include <utility>
 
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
@@ -22,6 +23,7 @@
 #include "server/rpc/job_service.h"
 #include "server/rpc/output_service.h"
 #include "server/rpc/sequence_service.h"
+#include "server/rpc/undecodable.h"
 #include "server/telemetry/log.h"
 
 namespace depthtween::server {
@@ -39,6 +41,9 @@ constexpr int kClientPingEveryMs = 5'000;
 // A connection is renewed after this long, so that none is kept for ever; calls that are under way go on on the old
 // one.
 constexpr int kConnectionAgeMs = 30 * 60'000;
+// So that connections of nobody cost no descriptor for long: those that say nothing, and those without a call.
+constexpr int kHandshakeTimeoutMs = 20'000;
+constexpr int kConnectionIdleMs = 10 * 60'000;
 constexpr unsigned kCertificateLookSeconds = 1;
 
 // Writes gRPC's own messages to our log, in the same form.
@@ -87,9 +92,11 @@ absl::Status RpcServerOptions::Validate(bool tokens) const {
   return tls.enabled() ? CheckTlsFiles(tls) : absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptions& options, const Limits& limits,
+absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptions& options,
                                                             const DataDirectory& directory, Guard& guard,
-                                                            Sequences& sequences, JobManager& jobs, Health& health) {
+                                                            Sequences& sequences, JobManager& jobs, Upkeep& upkeep,
+                                                            Health& health) {
+  LiveLimits& limits = sequences.limits();
   RETURN_IF_ERROR(options.Validate(guard.asks_for_tokens()));
   static std::once_flag once;
   std::call_once(once, [] {
@@ -103,12 +110,19 @@ absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptio
   result->services_.push_back(MakeSequenceService(runtime, sequences, jobs, limits));
   result->services_.push_back(MakeJobService(runtime, jobs, limits, options.watch_heartbeat));
   result->services_.push_back(MakeOutputService(runtime, jobs, guard, options.frame_memory_bytes));
-  result->services_.push_back(MakeAdminService(runtime, jobs, health, limits));
+  result->services_.push_back(MakeAdminService(runtime, jobs, upkeep, guard, limits, health));
   result->services_.push_back(MakeHealthService(runtime, health));
 
+  ASSIGN_OR_RETURN(result->listener_, Listener::Bind(options.listen));
+  result->port_ = result->listener_->port();
   grpc::ServerBuilder builder;
   for (const auto& service : result->services_) builder.RegisterService(service.get());
-  builder.AddListeningPort(options.listen, ServerCredentials(options.tls), &result->port_);
+  std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
+  interceptors.push_back(MakeUndecodableAnswers(runtime));
+  builder.experimental().SetInterceptorCreators(std::move(interceptors));
+  using Builder = grpc::ServerBuilder::experimental_type;
+  result->acceptor_ = builder.experimental().AddExternalConnectionAcceptor(Builder::ExternalConnectionType::FROM_FD,
+                                                                           ServerCredentials(options.tls));
   builder.SetMaxReceiveMessageSize(options.max_message_bytes);
   grpc::ResourceQuota quota("depthtween");
   quota.Resize(options.transport_memory_bytes);
@@ -120,22 +134,22 @@ absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const RpcServerOptio
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);  // no bound: idle streams are pinged too
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kClientPingEveryMs);
   builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, kConnectionAgeMs);
-  // By default two servers silently share a port, and each gets some of the calls.
-  builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+  builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, kHandshakeTimeoutMs);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, kConnectionIdleMs);
   // Only reflection is synchronous; it needs no more.
   builder.SetSyncServerOption(grpc::ServerBuilder::NUM_CQS, 1);
   builder.SetSyncServerOption(grpc::ServerBuilder::MAX_POLLERS, 2);
   result->server_ = builder.BuildAndStart();
-  if (result->server_ == nullptr) {
-    // gRPC says why only in its log.
-    const bool socket = options.listen.rfind("unix:", 0) == 0;
-    return absl::FailedPreconditionError(absl::StrFormat(
-        "cannot listen on %s: is another server running there? %s", options.listen,
-        socket ? "If not, the folder of the socket is missing or not writable"
-               : "If not, HOST is not an address of this machine (--listen HOST:0 takes any free port)"));
-  }
+  if (result->server_ == nullptr) return absl::InternalError("gRPC cannot serve; its log says why");
   for (const char* service : kServiceNames) health.Set(service, true);
   health.Set("", true);
+  const auto hand_over = [acceptor = result->acceptor_.get()](int listener, int connection) {
+    grpc::experimental::ExternalConnectionAcceptor::NewConnectionParameters parameters;
+    parameters.listener_fd = listener;
+    parameters.fd = connection;
+    acceptor->HandleNewConnection(&parameters);
+  };
+  result->listener_->Start(options.reserved_files, hand_over);
   return result;
 }
 
@@ -155,6 +169,7 @@ void RpcServer::Stop(absl::Duration patience) {
   if (server_ == nullptr) return;
   const absl::Time deadline = absl::Now() + patience;
   Drain(patience);
+  listener_.reset();
   server_->Shutdown(absl::ToChronoTime(deadline));
   server_.reset();
 }

@@ -2,6 +2,8 @@
 #ifndef DEPTHTWEEN_SERVER_RPC_RPC_SERVER_H_
 #define DEPTHTWEEN_SERVER_RPC_RPC_SERVER_H_
 
+#include <grpcpp/server_builder.h>
+
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -9,13 +11,15 @@
 
 #include "absl/time/time.h"
 #include "core/base/status.h"
+#include "proto/depthtween/local_address.h"
 #include "server/access/guard.h"
 #include "server/access/tls_files.h"
 #include "server/jobs/job_manager.h"
 #include "server/jobs/sequences.h"
+#include "server/jobs/upkeep.h"
 #include "server/rpc/call_runtime.h"
+#include "server/rpc/listener.h"
 #include "server/store/data_directory.h"
-#include "server/store/limits.h"
 #include "server/telemetry/health.h"
 
 namespace grpc {
@@ -27,12 +31,13 @@ class Service;
 namespace depthtween::server {
 
 struct RpcServerOptions {
-  std::string listen = "127.0.0.1:50051";  // port 0: any free one
+  std::string listen = LocalListenAddress();  // HOST:PORT, with port 0 any free one, or unix:PATH
   // Without it the server listens where others can reach it only with TLS and tokens, see CheckListenAddress.
   bool insecure_listen_anywhere = false;
   TlsFiles tls;
   int call_threads = 8;  // that answer calls; a call that waits holds none
   CallRoom room;
+  int reserved_files = 64;  // file descriptors that connections leave to the rest of the server
   int max_streams_per_connection = 200;
   int max_message_bytes = 4 << 20;
   int64_t transport_memory_bytes = int64_t{512} << 20;  // what gRPC may buffer for all connections together
@@ -45,11 +50,12 @@ struct RpcServerOptions {
 
 class RpcServer {
  public:
-  // Binds the port and starts to serve. Borrows all but the options and the limits; they must outlive it.
+  // Binds the port and starts to serve. Borrows all but the options; they must outlive it.
   // InvalidArgument for options and TLS files that cannot be used; FailedPrecondition if the address cannot be bound.
-  static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const RpcServerOptions& options, const Limits& limits,
+  static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const RpcServerOptions& options,
                                                           const DataDirectory& directory, Guard& guard,
-                                                          Sequences& sequences, JobManager& jobs, Health& health);
+                                                          Sequences& sequences, JobManager& jobs, Upkeep& upkeep,
+                                                          Health& health);
   // Stops without patience, unless Stop was called.
   ~RpcServer();
   RpcServer(const RpcServer&) = delete;
@@ -72,9 +78,11 @@ class RpcServer {
 
   Health& health_;
   int port_ = 0;
+  std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
   std::vector<std::unique_ptr<grpc::Service>> services_;
   std::unique_ptr<CallRuntime> runtime_;
   std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<Listener> listener_;  // ends before the server that it feeds
 };
 
 }  // namespace depthtween::server

@@ -31,9 +31,13 @@ absl::StatusOr<std::vector<UploadFile>> DecodeFiles(const v1::Upload& upload) {
   return files;
 }
 
-class SequenceService : public v1::SequenceService::CallbackService {
+// WriteUpload comes as bytes, see upload_stream.h.
+using SequenceServiceBase =
+    v1::SequenceService::WithRawCallbackMethod_WriteUpload<v1::SequenceService::CallbackService>;
+
+class SequenceService : public SequenceServiceBase {
  public:
-  SequenceService(CallRuntime& runtime, Sequences& sequences, JobManager& jobs, const Limits& limits)
+  SequenceService(CallRuntime& runtime, Sequences& sequences, JobManager& jobs, const LiveLimits& limits)
       : runtime_(runtime), sequences_(sequences), jobs_(jobs), limits_(limits) {}
 
   ServerUnaryReactor* CreateSequence(CallbackServerContext* context, const v1::CreateSequenceRequest* request,
@@ -61,7 +65,7 @@ class SequenceService : public v1::SequenceService::CallbackService {
     return runtime_.Unary(context, "ListSequences", "", [=, this](const Caller& caller) -> absl::Status {
       ASSIGN_OR_RETURN(const SequenceFilter filter, ParseSequenceFilter(request->filter()));
       ASSIGN_OR_RETURN(const PageRequest page,
-                       ParsePage(request->page_size(), request->page_token(), limits_.max_page_size));
+                       ParsePage(request->page_size(), request->page_token(), limits_.Get().max_page_size));
       return FillPage(page, response, [&](const PageRequest& some) -> absl::Status {
         ASSIGN_OR_RETURN(const Page<SequenceRecord> records, sequences_.List(caller.tenant, filter, some));
         for (const SequenceRecord& record : records.items) *response->add_sequences() = EncodeWithProgress(record);
@@ -85,14 +89,15 @@ class SequenceService : public v1::SequenceService::CallbackService {
       ASSIGN_OR_RETURN(const std::string sequence_id, ParseSequenceName("parent", request->parent()));
       ASSIGN_OR_RETURN(const std::vector<UploadFile> files, DecodeFiles(request->upload()));
       ASSIGN_OR_RETURN(const UploadRecord record,
-                       sequences_.StartUpload(caller.tenant, sequence_id, files, request->request_id()));
+                       sequences_.StartUpload(caller.tenant, sequence_id, files, request->request_id(),
+                                              request->upload().metadata()));
       *response = Encode(record);
       return absl::OkStatus();
     });
   }
 
-  grpc::ServerReadReactor<v1::WriteUploadRequest>* WriteUpload(CallbackServerContext* context,
-                                                               v1::Upload* response) override {
+  grpc::ServerReadReactor<grpc::ByteBuffer>* WriteUpload(CallbackServerContext* context,
+                                                         grpc::ByteBuffer* response) override {
     return ReceiveUpload(runtime_, context, sequences_, response);
   }
 
@@ -106,6 +111,14 @@ class SequenceService : public v1::SequenceService::CallbackService {
     });
   }
 
+  ServerUnaryReactor* DeleteUpload(CallbackServerContext* context, const v1::DeleteUploadRequest* request,
+                                   google::protobuf::Empty* response) override {
+    return runtime_.Unary(context, "DeleteUpload", request->name(), [=, this](const Caller& caller) -> absl::Status {
+      ASSIGN_OR_RETURN(const UploadIds ids, ParseUploadName("name", request->name()));
+      return sequences_.DeleteUpload(caller.tenant, ids.sequence_id, ids.upload_id);
+    });
+  }
+
   ServerUnaryReactor* CommitSequence(CallbackServerContext* context, const v1::CommitSequenceRequest* request,
                                      v1::Sequence* response) override {
     return runtime_.Unary(context, "CommitSequence", request->name(), [=, this](const Caller& caller) -> absl::Status {
@@ -116,7 +129,27 @@ class SequenceService : public v1::SequenceService::CallbackService {
     });
   }
 
+  ServerUnaryReactor* PinSequence(CallbackServerContext* context, const v1::PinSequenceRequest* request,
+                                  v1::Sequence* response) override {
+    return Pin(context, "PinSequence", request->name(), true, response);
+  }
+
+  ServerUnaryReactor* UnpinSequence(CallbackServerContext* context, const v1::UnpinSequenceRequest* request,
+                                    v1::Sequence* response) override {
+    return Pin(context, "UnpinSequence", request->name(), false, response);
+  }
+
  private:
+  ServerUnaryReactor* Pin(CallbackServerContext* context, std::string_view method, const std::string& name, bool pinned,
+                          v1::Sequence* response) {
+    return runtime_.Unary(context, method, name, [=, this](const Caller& caller) -> absl::Status {
+      ASSIGN_OR_RETURN(const std::string id, ParseSequenceName("name", name));
+      ASSIGN_OR_RETURN(const SequenceRecord record, sequences_.Pin(caller.tenant, id, pinned));
+      *response = Encode(record, jobs_.GetValidationProgress(id));
+      return absl::OkStatus();
+    });
+  }
+
   v1::Sequence EncodeWithProgress(const SequenceRecord& record) {
     return Encode(record, record.state == SequenceState::kValidating ? jobs_.GetValidationProgress(record.id)
                                                                      : ValidationProgress{});
@@ -125,13 +158,13 @@ class SequenceService : public v1::SequenceService::CallbackService {
   CallRuntime& runtime_;
   Sequences& sequences_;
   JobManager& jobs_;
-  const Limits limits_;
+  const LiveLimits& limits_;
 };
 
 }  // namespace
 
 std::unique_ptr<grpc::Service> MakeSequenceService(CallRuntime& runtime, Sequences& sequences, JobManager& jobs,
-                                                   const Limits& limits) {
+                                                   const LiveLimits& limits) {
   return std::make_unique<SequenceService>(runtime, sequences, jobs, limits);
 }
 

@@ -15,7 +15,7 @@ namespace depthtween::server {
 
 // Borrows everything but `limits`.
 std::unique_ptr<grpc::Service> MakeSequenceService(CallRuntime& runtime, Sequences& sequences, JobManager& jobs,
-                                                   const Limits& limits);
+                                                   const LiveLimits& limits);
 
 }  // namespace depthtween::server
 

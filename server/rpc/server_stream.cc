@@ -22,8 +22,8 @@ void StreamDriver::Wake() {
   {
     const std::lock_guard lock(mutex_);
     woken_ = true;
-    if (state_ != State::kIdle) return;  // Produce() will be called anyway
-    state_ = State::kScheduled;
+    if (running_ || ahead_) return;  // Produce() will be called anyway
+    running_ = true;
   }
   Schedule();
 }
@@ -45,11 +45,17 @@ void StreamDriver::Cancel() {
 }
 
 void StreamDriver::Sent(bool ok) {
+  bool next = false;
   {
     const std::lock_guard lock(mutex_);
     if (!ok) cancelled_ = true;
-    state_ = State::kScheduled;
+    next = ahead_ && !cancelled_ && !stopping_;
+    sending_ = next;
+    ahead_ = false;
+    if (running_) return;  // it sees that gRPC is free
+    running_ = true;
   }
+  if (next) StartSending();
   Schedule();
 }
 
@@ -75,43 +81,57 @@ void StreamDriver::Schedule() {
   call_.runtime().executor().Post([stream = shared_from_this()] { stream->Run(); });
 }
 
+absl::StatusOr<StreamDriver::Next> StreamDriver::Make(bool cancelled, bool stopping) {
+  Next next = Next::kEnd;
+  RETURN_IF_ERROR(CatchExceptions([&]() -> absl::Status {
+    if (cancelled) return absl::CancelledError("the client is gone");
+    if (stopping) return ServerStopping();
+    RETURN_IF_ERROR(call_.admission());
+    ASSIGN_OR_RETURN(next, Produce());
+    return absl::OkStatus();
+  }));
+  return next;
+}
+
 void StreamDriver::Run() {
   while (true) {
     bool cancelled = false, stopping = false;
     {
       const std::lock_guard lock(mutex_);
-      state_ = State::kRunning;
       woken_ = false;
       cancelled = cancelled_;
       stopping = stopping_;
     }
     Next next = Next::kEnd;
-    const absl::Status status = CatchExceptions([&]() -> absl::Status {
-      if (cancelled) return absl::CancelledError("the client is gone");
-      if (stopping) return ServerStopping();
-      RETURN_IF_ERROR(call_.admission());
-      ASSIGN_OR_RETURN(next, Produce());
-      return absl::OkStatus();
-    });
-    if (!status.ok() || next == Next::kEnd) {
+    if (!end_) {
+      const absl::StatusOr<Next> made = Make(cancelled, stopping);
+      if (!made.ok() || *made == Next::kEnd) {
+        end_ = made.status();
+      } else {
+        next = *made;
+      }
+    }
+    {
+      const std::lock_guard lock(mutex_);
+      if (next == Next::kWait) {
+        if (woken_) continue;
+        running_ = false;
+        return;
+      }
+      if (sending_) {  // gRPC takes one thing at a time: Sent() goes on
+        ahead_ = next == Next::kMessage;
+        running_ = false;
+        return;
+      }
+      sending_ = next == Next::kMessage;
+    }
+    if (end_) {
       alarm_.reset();
       Release();
-      FinishCall(call_.Answer(status));
+      FinishCall(call_.Answer(*end_));
       return;
     }
-    if (next == Next::kMessage) {
-      {
-        const std::lock_guard lock(mutex_);
-        state_ = State::kSending;
-      }
-      StartSending();
-      return;
-    }
-    const std::lock_guard lock(mutex_);
-    if (!woken_) {
-      state_ = State::kIdle;
-      return;
-    }
+    StartSending();
   }
 }
 

@@ -1,5 +1,5 @@
-// A stream from the server that is pulled: Produce() makes one message at a time, and only when the message before it
-// was sent. So a slow reader slows only itself, and costs one message of memory and no thread.
+// A stream from the server that is pulled: Produce() makes one message at a time, at most one ahead of the one that is
+// being sent. So a slow reader slows only itself, and costs two messages of memory and no thread.
 //
 // Every event (a message was sent, there is news, a timer fired, the client is gone, the server stops) only wakes the
 // stream; Produce() runs on the executor and never concurrently with itself.
@@ -8,12 +8,16 @@
 
 #include <grpcpp/support/server_callback.h>
 
+#include <array>
+#include <cstddef>
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string_view>
 #include <utility>
 
+#include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "core/base/status.h"
 #include "server/rpc/call_runtime.h"
@@ -49,6 +53,7 @@ class StreamDriver : public Stoppable, public std::enable_shared_from_this<Strea
   virtual absl::StatusOr<Next> Produce() = 0;
   // Called once, after the last Produce and before the end: release what could still call Wake().
   virtual void Release() {}
+  // Sends what Produce() made last; the next Produce() fills another message.
   virtual void StartSending() = 0;
   virtual void FinishCall(const grpc::Status& status) = 0;
 
@@ -66,15 +71,19 @@ class StreamDriver : public Stoppable, public std::enable_shared_from_this<Strea
   void Retire();
 
  private:
-  enum class State { kScheduled, kRunning, kSending, kIdle };
   void Schedule();
   void Run();
+  // Produce() and what may stand in its way.
+  absl::StatusOr<Next> Make(bool cancelled, bool stopping);
 
   Call call_;
-  std::unique_ptr<grpc::Alarm> alarm_;  // of Produce's turn
+  std::unique_ptr<grpc::Alarm> alarm_;  // of Run's turn
+  std::optional<absl::Status> end_;     // of Run's turn; how the call ends once gRPC is free
   std::mutex mutex_;
-  State state_ = State::kScheduled;     // guarded by mutex_
-  bool woken_ = false;                  // guarded by mutex_; while kRunning
+  bool running_ = true;                 // guarded by mutex_; Run() is posted, or at work
+  bool sending_ = false;                // guarded by mutex_; gRPC has a message
+  bool ahead_ = false;                  // guarded by mutex_; another is made and waits for it
+  bool woken_ = false;                  // guarded by mutex_; since Produce() was called last
   bool cancelled_ = false;              // guarded by mutex_
   bool stopping_ = false;               // guarded by mutex_
   std::shared_ptr<StreamDriver> self_;  // from Start to Retire
@@ -90,13 +99,19 @@ class ServerStream : public grpc::ServerWriteReactor<Message>, public StreamDriv
 
  protected:
   using StreamDriver::StreamDriver;
-  Message& message() { return message_; }
+  // Holds what an earlier Produce() filled in, not always the one before.
+  Message& message() { return messages_[filled_]; }
 
  private:
-  void StartSending() final { this->StartWrite(&message_); }
+  void StartSending() final {
+    const Message& made = message();
+    filled_ = 1 - filled_;
+    this->StartWrite(&made);
+  }
   void FinishCall(const grpc::Status& status) final { this->Finish(status); }
 
-  Message message_;
+  std::array<Message, 2> messages_;
+  size_t filled_ = 0;
 };
 
 template <typename Stream, typename... Arguments>

@@ -1,23 +1,28 @@
 #include "server/rpc/upload_stream.h"
 
+#include <grpcpp/impl/codegen/proto_utils.h>
+
 #include <memory>
 #include <mutex>
 #include <string>
 #include <utility>
 
+#include "depthtween/v1/sequence.pb.h"
 #include "server/rpc/encode.h"
 #include "server/rpc/status.h"
+#include "server/rpc/undecodable.h"
 
 namespace depthtween::server {
 namespace {
 
 // At any time either gRPC holds the stream (a read is under way) or the executor does (a message is being written), or
 // it is ending. The holder decides who is next.
-class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
+class UploadStream : public grpc::ServerReadReactor<grpc::ByteBuffer>,
                      public Stoppable,
                      public std::enable_shared_from_this<UploadStream> {
  public:
-  UploadStream(CallRuntime& runtime, grpc::CallbackServerContext* context, Sequences& sequences, v1::Upload* response)
+  UploadStream(CallRuntime& runtime, grpc::CallbackServerContext* context, Sequences& sequences,
+               grpc::ByteBuffer* response)
       : sequences_(sequences), response_(response), call_(runtime, context, CallKind::kStream, "WriteUpload", "") {}
 
   void Start() {
@@ -59,7 +64,7 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
       const std::lock_guard lock(mutex_);
       holder_ = Holder::kGrpc;
     }
-    StartRead(&request_);
+    StartRead(&bytes_);
   }
 
   void EndSoon(const absl::Status& status) {
@@ -87,6 +92,7 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
   }
 
   absl::Status Write(bool* finished) {
+    RETURN_IF_ERROR(DecodeMessage(bytes_, request_));
     if (writer_ == nullptr) {
       name_ = request_.name();
       call_.SetSubject(name_);
@@ -103,10 +109,15 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
     if (request_.finish()) {
       ASSIGN_OR_RETURN(const UploadRecord record, writer_->Finish());
       writer_.reset();
-      *response_ = Encode(record);
+      Respond(record);
       *finished = true;
     }
     return absl::OkStatus();
+  }
+
+  void Respond(const UploadRecord& record) {
+    bool own = false;
+    grpc::GenericSerialize<grpc::ProtoBufferWriter, v1::Upload>(Encode(record), response_, &own);
   }
 
   // On the executor: keeps what arrived, and answers.
@@ -119,7 +130,7 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
     if (writer_ != nullptr) {
       const absl::Status closed = CatchExceptions([&]() -> absl::Status {
         ASSIGN_OR_RETURN(const UploadRecord record, writer_->Close());
-        *response_ = Encode(record);
+        Respond(record);
         return absl::OkStatus();
       });
       if (status.ok()) status = closed;
@@ -129,8 +140,9 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
   }
 
   Sequences& sequences_;
-  v1::Upload* const response_;
+  grpc::ByteBuffer* const response_;
   Call call_;
+  grpc::ByteBuffer bytes_;                // of the holder
   v1::WriteUploadRequest request_;        // of the holder
   std::string name_;                      // of the holder
   std::unique_ptr<UploadWriter> writer_;  // of the holder
@@ -142,9 +154,8 @@ class UploadStream : public grpc::ServerReadReactor<v1::WriteUploadRequest>,
 
 }  // namespace
 
-grpc::ServerReadReactor<v1::WriteUploadRequest>* ReceiveUpload(CallRuntime& runtime,
-                                                               grpc::CallbackServerContext* context,
-                                                               Sequences& sequences, v1::Upload* response) {
+grpc::ServerReadReactor<grpc::ByteBuffer>* ReceiveUpload(CallRuntime& runtime, grpc::CallbackServerContext* context,
+                                                         Sequences& sequences, grpc::ByteBuffer* response) {
   const auto stream = std::make_shared<UploadStream>(runtime, context, sequences, response);
   stream->Start();
   return stream.get();

@@ -22,11 +22,17 @@ class BlobStore {
   // there. Offset 0 creates the file and its folders. After an error the content from `offset` on is undefined.
   virtual absl::Status Write(std::string_view sequence_id, std::string_view path, int64_t offset,
                              std::string_view bytes) = 0;
-  // Returns when everything written so far, in all files, is durable.
+  // Returns when everything written so far, in all files, is durable. After an error nothing that was written since the
+  // last success is, nor ever will be: systems forget what they could not write. It must be written again.
   virtual absl::Status MakeDurable() = 0;
+  // How many times MakeDurable has failed, for any caller. Who finds that the number has changed between a write and a
+  // MakeDurable of its own must write again.
+  virtual int64_t FailedSyncs() const = 0;
   // Calls `sink` with the first `size` bytes of a file, piece by piece. DataLoss if it is shorter.
   virtual absl::Status Read(std::string_view sequence_id, std::string_view path, int64_t size,
                             const std::function<void(std::string_view)>& sink) = 0;
+  // The file is gone, and the folders above it that are empty then. Nothing to do if there is none.
+  virtual absl::Status RemoveFile(std::string_view sequence_id, std::string_view path) = 0;
   // The bytes of all files of the sequence are gone when this returns; the space follows soon.
   virtual absl::Status Remove(std::string_view sequence_id) = 0;
   virtual absl::StatusOr<int64_t> FreeBytes() = 0;

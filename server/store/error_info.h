@@ -23,13 +23,16 @@ namespace depthtween::server {
 //   DISK_FULL              ResourceExhausted
 //   WRONG_STATE            FailedPrecondition   state
 //   BAD_FIELD              InvalidArgument      field
+//   BAD_MESSAGE            InvalidArgument
 //   FRAME_NOT_READY        FailedPrecondition   frame
 //   NO_DEPTH               FailedPrecondition   resource
+//   NO_WEBHOOKS            FailedPrecondition
 //   NO_SCENE_FLOW          FailedPrecondition   resource (the sequence that cannot give it)
 //   SEQUENCE_GONE          FailedPrecondition   resource
 //   NO_SUCH_FRAME          OutOfRange           frame_count
 //   FILE_LOST              DataLoss             resource (output, job or sequence), and frame if it is of one
 //   FILE_DAMAGED           DataLoss             resource, and frame, as FILE_LOST; file (relative to the data folder)
+//   TIME_LIMIT             DeadlineExceeded     limit ("queue_time_limit" or "run_time_limit"), seconds
 //   SERVER_BUSY            ResourceExhausted
 //   SERVER_STOPPING        Unavailable
 //   NO_SUCH_RESOURCE       NotFound             resource ("sequences/...", "jobs/...")

@@ -77,6 +77,13 @@ absl::Status MakeFolder(const std::string& path) {
 absl::Status SyncFile(const std::string& path) { return Sync(path, 0); }
 absl::Status SyncFolder(const std::string& path) { return Sync(path, O_DIRECTORY); }
 
+absl::Status SyncDisk(const std::string& folder) {
+  const int fd = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (fd < 0) return ErrnoStatus(errno, "open " + folder);
+  const absl::Cleanup close_folder = [fd] { close(fd); };
+  return syncfs(fd) == 0 ? absl::OkStatus() : ErrnoStatus(errno, "sync " + folder);
+}
+
 absl::Status MoveFile(const std::string& from, const std::string& to) {
   struct stat info {};
   if (lstat(from.c_str(), &info) != 0) return ErrnoStatus(errno, "find " + from);

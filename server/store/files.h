@@ -23,6 +23,8 @@ absl::Status MakeFolder(const std::string& path);
 absl::Status SyncFile(const std::string& path);
 // Makes the names in a folder durable, as needed after a rename into it.
 absl::Status SyncFolder(const std::string& path);
+// Makes everything durable that was written to the disk that the folder is on: one wait for thousands of small files.
+absl::Status SyncDisk(const std::string& folder);
 // Moves a regular file, replacing what is there. NotFound if there is none, or if it is something else, such as a link.
 absl::Status MoveFile(const std::string& from, const std::string& to);
 // Gives a file that never changes a second name; one that is there already stays. NotFound if there is no such file.

@@ -5,21 +5,28 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
+#include <mutex>
 #include <string>
 #include <vector>
 
 #include "absl/cleanup/cleanup.h"
 #include "server/store/error_info.h"
+#include "server/store/files.h"
 #include "server/store/path_rules.h"
 
 namespace depthtween::server {
 namespace {
 
+constexpr int kFolderTries = 100;
+
 // The failure of a call that writes; a full disk carries its reason.
-absl::Status WriteError(int error_number, const std::string& what) {
-  const absl::Status status = ErrnoStatus(error_number, what);
+absl::Status WithReason(const absl::Status& status) {
   return absl::IsResourceExhausted(status) ? DiskFull(std::string(status.message())) : status;
+}
+absl::Status WriteError(int error_number, const std::string& what) {
+  return WithReason(ErrnoStatus(error_number, what));
 }
 
 class FolderBlobStore : public BlobStore {
@@ -30,8 +37,13 @@ class FolderBlobStore : public BlobStore {
                      std::string_view bytes) override {
     RETURN_IF_ERROR(CheckRelativePath(path));
     const std::string file = File(sequence_id, path);
-    if (offset == 0) RETURN_IF_ERROR(MakeFolders(file));
-    const int fd = open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOFOLLOW | (offset == 0 ? O_CREAT : 0), 0644);
+    int fd = -1;
+    // RemoveFile of another upload may take a folder away before there is a file in it.
+    for (int tries = 0; fd < 0 && tries < kFolderTries; ++tries) {
+      if (offset == 0) RETURN_IF_ERROR(MakeFolders(file));
+      fd = open(file.c_str(), O_WRONLY | O_CLOEXEC | O_NOFOLLOW | (offset == 0 ? O_CREAT : 0), 0644);
+      if (fd < 0 && (errno != ENOENT || offset != 0)) break;
+    }
     if (fd < 0) return WriteError(errno, "open " + file);
     const absl::Cleanup close_file = [fd] { close(fd); };
     if (ftruncate(fd, offset) != 0) return WriteError(errno, "truncate " + file);
@@ -46,13 +58,14 @@ class FolderBlobStore : public BlobStore {
   }
 
   absl::Status MakeDurable() override {
-    // One syncfs for hundreds of small files and their folders, where fsync would be one wait each.
-    const int fd = open(directory_.SequencesFolder().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (fd < 0) return ErrnoStatus(errno, "open " + directory_.SequencesFolder());
-    const absl::Cleanup close_folder = [fd] { close(fd); };
-    if (syncfs(fd) != 0) return WriteError(errno, "sync " + directory_.SequencesFolder());
-    return absl::OkStatus();
+    // One at a time: the system tells of a failed write once, and the next caller must know of it.
+    const std::lock_guard lock(sync_mutex_);
+    const absl::Status synced = WithReason(SyncDisk(directory_.SequencesFolder()));
+    if (!synced.ok()) ++failed_syncs_;
+    return synced;
   }
+
+  int64_t FailedSyncs() const override { return failed_syncs_; }
 
   absl::Status Read(std::string_view sequence_id, std::string_view path, int64_t size,
                     const std::function<void(std::string_view)>& sink) override {
@@ -75,6 +88,18 @@ class FolderBlobStore : public BlobStore {
     return absl::OkStatus();
   }
 
+  absl::Status RemoveFile(std::string_view sequence_id, std::string_view path) override {
+    RETURN_IF_ERROR(CheckRelativePath(path));
+    std::string file = File(sequence_id, path);
+    if (unlink(file.c_str()) != 0 && errno != ENOENT && errno != ENOTDIR) return ErrnoStatus(errno, "remove " + file);
+    // What is not empty stays.
+    for (size_t parts = std::count(path.begin(), path.end(), '/'); parts > 0; --parts) {
+      file.resize(file.rfind('/'));
+      if (rmdir(file.c_str()) != 0) break;
+    }
+    return absl::OkStatus();
+  }
+
   absl::Status Remove(std::string_view sequence_id) override {
     return directory_.Discard(directory_.SequenceFolder(sequence_id));
   }
@@ -91,12 +116,16 @@ class FolderBlobStore : public BlobStore {
     for (size_t slash = file.find('/', directory_.SequencesFolder().size() + 1); slash != std::string::npos;
          slash = file.find('/', slash + 1)) {
       const std::string folder = file.substr(0, slash);
-      if (mkdir(folder.c_str(), 0755) != 0 && errno != EEXIST) return WriteError(errno, "create " + folder);
+      if (mkdir(folder.c_str(), 0755) == 0 || errno == EEXIST) continue;
+      if (errno != ENOENT) return WriteError(errno, "create " + folder);
+      break;  // the folder above it has just been removed: Write sees that, and tries again
     }
     return absl::OkStatus();
   }
 
   DataDirectory& directory_;
+  std::mutex sync_mutex_;
+  std::atomic<int64_t> failed_syncs_ = 0;  // written with sync_mutex_ held
 };
 
 }  // namespace

@@ -76,6 +76,14 @@ absl::StatusOr<NewJob> NewJob::Checked() const {
     return BadField("job.threads",
                     absl::StrCat("job.threads = ", threads, ", must be 0 (the server decides) to ", kMaxThreads));
   }
+  for (const auto& [field, limit] :
+       {std::pair("job.queue_time_limit", this->limits.queue), {"job.run_time_limit", this->limits.run}}) {
+    if (limit != absl::ZeroDuration() && (limit < kLeastTimeLimit || limit > kMostTimeLimit)) {
+      return BadField(field, absl::StrCat(field, " = ", absl::FormatDuration(limit), ", must be ",
+                                          absl::FormatDuration(kLeastTimeLimit), " to ",
+                                          absl::FormatDuration(kMostTimeLimit), ", or 0 for no limit of its own"));
+    }
+  }
   for (const auto& [field, is_set] :
        {std::pair("job.renders", !renders.empty()), {"job.depth_from", !depth_from.empty()}}) {
     if (is_set && !upsamples) {

@@ -59,7 +59,14 @@ struct SequenceRecord {
   int64_t size_bytes = 0;  // announced by its uploads
   int file_count = 0;
   std::string tenant;
+  bool pinned = false;          // never collected
   ValidationResult validation;  // empty before kReady or kInvalid
+};
+
+// A recording that came as one zip archive.
+struct SequenceArchive {
+  std::string path;       // of the archive
+  bool unpacked = false;  // its files are the sequence's now
 };
 
 // ---- uploads ----
@@ -78,6 +85,8 @@ struct UploadRecord {
   int64_t committed_size = 0;  // durable, and the next offset
   bool finished = false;
   absl::Time create_time;
+  absl::Time expire_time = absl::InfiniteFuture();  // it is kept at least until then; InfiniteFuture: once finished
+  std::string metadata;                             // the client's own, printable ASCII
 };
 
 // ---- jobs ----
@@ -110,6 +119,14 @@ struct RenderRecord {
 
 inline constexpr int kMaxPriority = 10;
 
+// How long a job may wait for its first task, and how long it may take from then on, by the clock on the wall. Zero: no
+// limit. A job beyond one fails.
+inline constexpr absl::Duration kLeastTimeLimit = absl::Seconds(1), kMostTimeLimit = absl::Hours(8784);
+struct TimeLimits {
+  absl::Duration queue = absl::ZeroDuration();
+  absl::Duration run = absl::ZeroDuration();
+};
+
 struct NewJob {
   std::string display_name;
   std::string sequence_id;
@@ -117,12 +134,36 @@ struct NewJob {
   std::string options = "{}";  // JSON document, read by core/options/job_options.h alone
   int threads = 0;             // of each child; 0: the server decides. The bits do not depend on it.
   int priority = 0;            // -kMaxPriority to kMaxPriority: higher goes first, among jobs of the same tenant
+  TimeLimits limits;           // within those of the server
+  bool pinned = false;         // never collected
   // Of an upsampling alone.
   std::vector<RenderRecord> renders;
   std::string depth_from;  // id of a job that has this depth already; empty: compute it
+  // Of any job: where its end is told; empty: nowhere. Whether it is an address that may be used is the caller's to
+  // check.
+  std::string webhook_url;
 
   // The same with its options in canonical form. InvalidArgument with field, value and rule.
   absl::StatusOr<NewJob> Checked() const;
+};
+
+// kWaiting (the job has not ended) -> kSending -> kDelivered | kGivenUp; -> kWaiting when the job is queued again
+enum class WebhookState { kWaiting = 1, kSending = 2, kDelivered = 3, kGivenUp = 4 };
+
+struct WebhookRecord {
+  std::string url;
+  WebhookState state = WebhookState::kWaiting;
+  int attempts = 0;                               // to tell of this end
+  absl::Time next_time = absl::InfiniteFuture();  // of the next attempt, while kSending
+  std::string last_error;                         // of the last attempt; empty when there was none
+};
+
+// One that is to be sent now.
+struct DueWebhook {
+  std::string event_id;  // the same in every attempt, another for another end of the same job
+  std::string job_id;
+  std::string url;
+  int attempts = 0;
 };
 
 struct JobRecord {
@@ -135,6 +176,8 @@ struct JobRecord {
   JobFacts facts;       // of these options
   int threads = 0;
   int priority = 0;
+  TimeLimits limits;    // its own
+  bool pinned = false;  // never collected
   std::vector<RenderRecord> renders;
   std::string depth_from;
   std::string tenant;
@@ -153,12 +196,28 @@ struct JobRecord {
   std::optional<int> queue_position;            // jobs of its tenant ahead, while kQueued
   std::optional<SelfCheck> self_check;          // once it was measured, if facts.self_check
   std::optional<ClockEstimate> clock_estimate;  // once there is a plan, if the options ask for it
+  std::vector<std::string> warnings;            // for people, of the recording; once there is a plan
+  std::optional<WebhookRecord> webhook;         // if it asks for one
 
   // Over all renders.
   int RenderedFramesDone() const;
   int RenderedFramesTotal() const { return frames_total * static_cast<int>(renders.size()); }
   // Every frame is there, and every picture of it.
   bool IsComputed() const;
+};
+
+// How much of a job a list wants to know.
+enum class JobDetail {
+  kFull,
+  kBasic  // no recording, self-check and clock estimate; of renders how far they are, and nothing else
+};
+
+// A job that has ended, or a recording that no unfinished job needs: what may be deleted to make room.
+struct Collectable {
+  std::string id;
+  std::string tenant;
+  JobState job_state = JobState::kSucceeded;  // of a job
+  absl::Time since;                           // when it ended; of a recording: when it was last used, or came
 };
 
 // ---- work ----
@@ -182,6 +241,7 @@ struct JobPlan {
   std::vector<PlannedFrame> frames;
   bool depth_done = false;  // it was taken over from another job
   std::optional<ClockEstimate> clock_estimate;
+  std::vector<std::string> warnings;
   std::vector<FileChecksum> files;  // that it left in the job's folder
 };
 

@@ -90,6 +90,10 @@ absl::StatusOr<ClockEstimate> ReadClockEstimate(const std::string& text) {
   return Parse<ClockEstimate>(text, ClockEstimateFromJson);
 }
 
+absl::StatusOr<std::vector<std::string>> ReadWarnings(const std::string& text) {
+  return Parse<std::vector<std::string>>(text, [](const json& value) { return value.get<std::vector<std::string>>(); });
+}
+
 absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text) {
   return Parse<RenderRecord>(text, [](const json& value) {
     return RenderRecord{.name = value.at("name"),

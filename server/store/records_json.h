@@ -21,6 +21,7 @@ absl::StatusOr<Recording> RecordingFromJson(const std::string& text);
 absl::StatusOr<ValidationResult> ValidationResultFromJson(const std::string& text);
 absl::StatusOr<RenderRecord> RenderRecordFromJson(const std::string& text);
 absl::StatusOr<ClockEstimate> ReadClockEstimate(const std::string& text);
+absl::StatusOr<std::vector<std::string>> ReadWarnings(const std::string& text);
 absl::StatusOr<ErrorInfo> ErrorInfoFromJson(const std::string& text);
 
 }  // namespace depthtween::server

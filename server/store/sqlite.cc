@@ -40,7 +40,7 @@ std::string SqlRow::Text(int column) const {
   return data == nullptr ? std::string() : std::string(static_cast<const char*>(data), static_cast<size_t>(size));
 }
 
-absl::StatusOr<std::unique_ptr<Database>> Database::Open(const std::string& file) {
+absl::StatusOr<std::unique_ptr<Database>> Database::Open(const std::string& file, int checkpoint_pages) {
   sqlite3* connection = nullptr;
   const int code =
       sqlite3_open_v2(file.c_str(), &connection,
@@ -49,6 +49,7 @@ absl::StatusOr<std::unique_ptr<Database>> Database::Open(const std::string& file
   if (code != SQLITE_OK) return WithContext(database->Error("open"), file);
   sqlite3_extended_result_codes(connection, 1);
   sqlite3_busy_timeout(connection, kLockPatienceMs);
+  if (checkpoint_pages > 0) sqlite3_wal_autocheckpoint(connection, checkpoint_pages);
   // The log's files stay when the database is closed: on a full disk there would be no space to make them again.
   int keep_log = 1;
   sqlite3_file_control(connection, "main", SQLITE_FCNTL_PERSIST_WAL, &keep_log);
@@ -77,8 +78,11 @@ absl::Status Database::Run(const char* sql, const std::vector<SqlValue>& values,
   auto found = statements_.find(std::string_view(sql));
   if (found == statements_.end()) {
     sqlite3_stmt* statement = nullptr;
-    if (sqlite3_prepare_v3(connection_.get(), sql, -1, SQLITE_PREPARE_PERSISTENT, &statement, nullptr) != SQLITE_OK) {
-      return Error(sql);
+    const int code = sqlite3_prepare_v3(connection_.get(), sql, -1, SQLITE_PREPARE_PERSISTENT, &statement, nullptr);
+    if (code != SQLITE_OK) {
+      const absl::Status error = Error(sql);
+      // Our statements suit our schema: what is stored of it is not what was.
+      return (code & 0xFF) == SQLITE_ERROR ? Damage(std::string(error.message())) : error;
     }
     found = statements_.emplace(sql, std::unique_ptr<sqlite3_stmt, Finalize>(statement)).first;
   }
@@ -144,7 +148,12 @@ void Database::RollBack() {
   if (sqlite3_get_autocommit(connection_.get()) == 0) Run("ROLLBACK").IgnoreError();
 }
 
-absl::Status Database::Error(std::string_view doing) const {
+absl::Status Database::Damage(const std::string& message) {
+  damage_.Update(absl::DataLossError(message));
+  return absl::DataLossError(message);
+}
+
+absl::Status Database::Error(std::string_view doing) {
   const int code = sqlite3_extended_errcode(connection_.get());
   const int error_number = sqlite3_system_errno(connection_.get());
   const std::string message = absl::StrCat("database: ", sqlite3_errmsg(connection_.get()), " (",
@@ -154,12 +163,14 @@ absl::Status Database::Error(std::string_view doing) const {
     case SQLITE_FULL:
       return DiskFull(message);
     case SQLITE_IOERR:
+    case SQLITE_CANTOPEN:  // also when there is no room for the name of a log
+      if (error_number == EMFILE || error_number == ENFILE) return absl::UnavailableError(message);
       return out_of_room ? DiskFull(message) : absl::InternalError(message);
     case SQLITE_BUSY:
       return ServerBusy(absl::StrCat("another process holds the database: ", message));
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
-      return absl::DataLossError(message);
+      return Damage(message);
     default:
       return absl::InternalError(message);
   }

@@ -63,7 +63,8 @@ class SqlRow {
 
 class Database {
  public:
-  static absl::StatusOr<std::unique_ptr<Database>> Open(const std::string& file);
+  // `checkpoint_pages` of the log are carried over into the file at a time; 0: as many as SQLite likes.
+  static absl::StatusOr<std::unique_ptr<Database>> Open(const std::string& file, int checkpoint_pages = 0);
   // To look at a database that another process may be writing, without changing it. NotFound if there is none.
   static absl::StatusOr<std::unique_ptr<Database>> OpenToRead(const std::string& file);
 
@@ -82,6 +83,9 @@ class Database {
   absl::StatusOr<int64_t> SchemaVersion();
   // Writes a consistent copy, durable, over what is at `file`. Not inside a transaction.
   absl::Status CopyTo(const std::string& file);
+
+  // The first DataLoss that a statement has met; OK: none has.
+  const absl::Status& damage() const { return damage_; }
 
   int64_t ChangedRows() const { return sqlite3_changes64(connection_.get()); }
   int64_t LastInsertedRow() const { return sqlite3_last_insert_rowid(connection_.get()); }
@@ -119,10 +123,12 @@ class Database {
     }
     return result;
   }
-  absl::Status Error(std::string_view doing) const;
+  absl::Status Error(std::string_view doing);
+  absl::Status Damage(const std::string& message);
   void RollBack();
 
   std::unique_ptr<sqlite3, Close> connection_;
+  absl::Status damage_;
   std::map<std::string, std::unique_ptr<sqlite3_stmt, Finalize>, std::less<>> statements_;
 };
 

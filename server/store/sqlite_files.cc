@@ -81,7 +81,7 @@ absl::StatusOr<std::vector<FileChecksum>> SqliteStore::SequenceFiles(std::string
 }
 
 absl::StatusOr<Page<StoredFile>> SqliteStore::StoredFiles(const PageRequest& page) {
-  ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_));
+  ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_.Get()));
   return Read([&]() -> absl::StatusOr<Page<StoredFile>> {
     Page<StoredFile> result;
     Place last = PlaceOf(page.token);

@@ -15,17 +15,14 @@ std::string JobScope(const Tenant& tenant) { return "job/" + tenant.name(); }
 constexpr char kJobColumns[] =
     "SELECT id, number, display_name, sequence_id, kind, options, threads, recording, state, attempt, error_code, "
     "error_message, create_time_us, start_time_us, end_time_us, intervals_done, intervals_total, frames_done, "
-    "frames_total, interval_seconds, depth_from, self_check, clock_estimate, error_info, "
-    "(SELECT count(*) FROM jobs ahead WHERE ahead.tenant = jobs.tenant AND (ahead.state IN (2, 3) OR (ahead.state = 1 "
-    "AND "
-    "(ahead.priority > jobs.priority OR (ahead.priority = jobs.priority AND ahead.number < jobs.number))))), tenant, "
-    "priority FROM jobs ";
+    "frames_total, interval_seconds, depth_from, self_check, clock_estimate, error_info, tenant, priority, "
+    "queue_limit_us, run_limit_us, pinned, warnings FROM jobs ";
 
 absl::Time ToTime(const SqlRow& row, int column) {
   return row.IsNull(column) ? absl::InfiniteFuture() : absl::FromUnixMicros(row.Int64(column));
 }
 
-absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
+absl::StatusOr<JobRecord> ToJob(const SqlRow& row, JobDetail detail = JobDetail::kFull) {
   JobRecord job = {.id = row.Text(0),
                    .number = row.Int64(1),
                    .display_name = row.Text(2),
@@ -33,9 +30,11 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .kind = static_cast<JobKind>(row.Int(4)),
                    .options = row.Text(5),
                    .threads = row.Int(6),
-                   .priority = row.Int(26),
+                   .priority = row.Int(25),
+                   .limits = {.queue = absl::Microseconds(row.Int64(26)), .run = absl::Microseconds(row.Int64(27))},
+                   .pinned = row.Int(28) != 0,
                    .depth_from = row.Text(20),
-                   .tenant = row.Text(25),
+                   .tenant = row.Text(24),
                    .state = static_cast<JobState>(row.Int(8)),
                    .attempt = row.Int(9),
                    .error = absl::Status(static_cast<absl::StatusCode>(row.Int(10)), row.Text(11)),
@@ -47,9 +46,13 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
                    .frames_done = row.Int(17),
                    .frames_total = row.Int(18),
                    .interval_seconds = row.Real(19)};
-  if (job.state == JobState::kQueued) job.queue_position = row.Int(24);
-  ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
   ASSIGN_OR_RETURN(job.facts, FactsOfJob(job.kind, job.options));
+  if (!row.IsNull(23)) {
+    ASSIGN_OR_RETURN(const ErrorInfo info, ErrorInfoFromJson(row.Text(23)));
+    job.error = WithErrorInfo(job.error, info);
+  }
+  if (detail == JobDetail::kBasic) return job;
+  ASSIGN_OR_RETURN(job.recording, RecordingFromJson(row.Text(7)));
   if (!row.IsNull(21)) {
     absl::StatusOr<SelfCheck> check = ParseSelfCheck(row.Text(21));
     if (!check.ok()) return absl::DataLossError(absl::StrCat("database: damaged record: ", check.status().message()));
@@ -58,10 +61,7 @@ absl::StatusOr<JobRecord> ToJob(const SqlRow& row) {
   if (!row.IsNull(22)) {
     ASSIGN_OR_RETURN(job.clock_estimate, ReadClockEstimate(row.Text(22)));
   }
-  if (!row.IsNull(23)) {
-    ASSIGN_OR_RETURN(const ErrorInfo info, ErrorInfoFromJson(row.Text(23)));
-    job.error = WithErrorInfo(job.error, info);
-  }
+  ASSIGN_OR_RETURN(job.warnings, ReadWarnings(row.Text(29)));
   return job;
 }
 
@@ -69,7 +69,14 @@ std::string Fingerprint(const NewJob& job) {
   Sha256 hash;
   hash.Update(absl::StrCat(job.sequence_id, "\n", job.kind, "\n", job.options, "\n", job.threads, "\n", job.priority,
                            "\n", job.display_name, "\n", job.depth_from));
+  // What came later is added only where it is set, so that requests of before keep their fingerprint.
+  if (job.limits.queue != absl::ZeroDuration() || job.limits.run != absl::ZeroDuration() || job.pinned) {
+    hash.Update(absl::StrCat("\n", absl::ToInt64Microseconds(job.limits.queue), " ",
+                             absl::ToInt64Microseconds(job.limits.run), " ", job.pinned));
+  }
   for (const RenderRecord& render : job.renders) hash.Update("\n" + render.options);
+  // Only where there is one, so that the requests of older servers stay known.
+  if (!job.webhook_url.empty()) hash.Update("\nwebhook " + job.webhook_url);
   return Hex(hash.Finish());
 }
 
@@ -87,11 +94,35 @@ absl::StatusOr<JobRecord> SqliteStore::ReadJob(int64_t number) {
   static const std::string sql = std::string(kJobColumns) + "WHERE number = ?";
   absl::StatusOr<JobRecord> job = absl::InternalError(absl::StrCat("database: no job ", number));
   RETURN_IF_ERROR(database_->Run(sql.c_str(), {number}, [&job](const SqlRow& row) { job = ToJob(row); }));
-  if (job.ok()) RETURN_IF_ERROR(ReadRenders(*job));
+  RETURN_IF_ERROR(job.status());
+  RETURN_IF_ERROR(ReadRenders(*job));
+  RETURN_IF_ERROR(ReadWebhook(*job));
+  if (job->state == JobState::kQueued) {
+    ASSIGN_OR_RETURN(const std::optional<int64_t> ahead,
+                     database_->Number("SELECT count(*) FROM jobs WHERE tenant = ?1 AND (state IN (2, 3) OR (state = 1 "
+                                       "AND (priority > ?2 OR (priority = ?2 AND number < ?3))))",
+                                       {job->tenant, job->priority, number}));
+    job->queue_position = static_cast<int>(*ahead);
+  }
   return job;
 }
 
-absl::Status SqliteStore::ReadRenders(JobRecord& job) {
+absl::StatusOr<std::map<std::string, int, std::less<>>> SqliteStore::ReadQueuePositions(const Tenant& tenant) {
+  std::map<std::string, int, std::less<>> positions;
+  RETURN_IF_ERROR(database_->Run(
+      "SELECT j.id, coalesce(b.jobs, 0) + row_number() OVER (PARTITION BY j.tenant ORDER BY j.priority DESC, "
+      "j.number) - 1 FROM jobs j LEFT JOIN (SELECT tenant, count(*) AS jobs FROM jobs WHERE state IN (2, 3) GROUP BY "
+      "tenant) b ON b.tenant = j.tenant WHERE j.state = 1 AND (?1 = '' OR j.tenant = ?1)",
+      {tenant.name()}, [&positions](const SqlRow& row) { positions.emplace(row.Text(0), row.Int(1)); }));
+  return positions;
+}
+
+absl::Status SqliteStore::ReadRenders(JobRecord& job, JobDetail detail) {
+  if (detail == JobDetail::kBasic) {
+    return database_->Run(
+        "SELECT frames_done, seconds FROM renders WHERE job = ? ORDER BY idx", {job.number},
+        [&job](const SqlRow& row) { job.renders.push_back({.frames_done = row.Int(0), .seconds = row.Real(1)}); });
+  }
   absl::Status damage;
   RETURN_IF_ERROR(database_->Run("SELECT plan, frames_done, seconds FROM renders WHERE job = ? ORDER BY idx",
                                  {job.number}, [&](const SqlRow& row) {
@@ -136,16 +167,18 @@ absl::StatusOr<JobRecord> SqliteStore::FindDepthFrom(const Tenant& tenant, const
 
 absl::Status SqliteStore::EndJob(int64_t number, JobState state, const absl::Status& error) {
   const std::optional<ErrorInfo> info = GetErrorInfo(error);
-  return database_->Run(
+  RETURN_IF_ERROR(database_->Run(
       "UPDATE jobs SET state = ?, error_code = ?, error_message = ?, error_info = ?, end_time_us = ? WHERE number = ?",
       {state, error.code(), std::string(error.message()), info ? SqlValue(ToJson(*info)) : SqlValue(nullptr),
-       absl::ToUnixMicros(absl::Now()), number});
+       absl::ToUnixMicros(absl::Now()), number}));
+  return TellOfEnd(number);
 }
 
 absl::StatusOr<JobRecord> SqliteStore::CreateJob(const Tenant& tenant, const NewJob& order, std::string_view request_id,
                                                  bool validate_only) {
+  const Limits limits = limits_.Get();
   if (tenant.name().empty()) return absl::InternalError("CreateJob needs a tenant");
-  RETURN_IF_ERROR(CheckText("job.display_name", order.display_name, limits_.max_display_name_bytes));
+  RETURN_IF_ERROR(CheckText("job.display_name", order.display_name, limits.max_display_name_bytes));
   ASSIGN_OR_RETURN(const NewJob job, order.Checked());
   ASSIGN_OR_RETURN(const JobFacts facts, FactsOfJob(job.kind, job.options));
   const std::string fingerprint = Fingerprint(job);
@@ -168,47 +201,56 @@ absl::StatusOr<JobRecord> SqliteStore::CreateJob(const Tenant& tenant, const New
     }
     ASSIGN_OR_RETURN(const std::optional<int64_t> queued,
                      database_->Number("SELECT count(*) FROM jobs WHERE state = 1"));
-    if (*queued >= limits_.max_queued_jobs) {
-      return LimitExceeded("max_queued_jobs", limits_.max_queued_jobs,
+    if (*queued >= limits.max_queued_jobs) {
+      return LimitExceeded("max_queued_jobs", limits.max_queued_jobs,
                            absl::StrFormat("the queue is full with %d jobs; try again when some have run", *queued));
     }
     ASSIGN_OR_RETURN(const std::optional<int64_t> own_queued,
                      database_->Number("SELECT count(*) FROM jobs WHERE state = 1 AND tenant = ?", {tenant.name()}));
-    if (limits_.max_tenant_queued_jobs > 0 && *own_queued >= limits_.max_tenant_queued_jobs) {
+    if (limits.max_tenant_queued_jobs > 0 && *own_queued >= limits.max_tenant_queued_jobs) {
       return LimitExceeded(
-          "max_tenant_queued_jobs", limits_.max_tenant_queued_jobs,
+          "max_tenant_queued_jobs", limits.max_tenant_queued_jobs,
           absl::StrFormat("%d jobs of the tenant %s are queued, which is its limit; try again when some have run",
                           *own_queued, tenant.name()));
     }
     const absl::Time now = absl::FromUnixMicros(absl::ToUnixMicros(absl::Now()));
     if (validate_only) {
-      return JobRecord{.display_name = job.display_name,
-                       .sequence_id = job.sequence_id,
-                       .kind = job.kind,
-                       .options = job.options,
-                       .facts = facts,
-                       .threads = job.threads,
-                       .priority = job.priority,
-                       .renders = job.renders,
-                       .depth_from = job.depth_from,
-                       .tenant = tenant.name(),
-                       .recording = *sequence.validation.recording,
-                       .create_time = now,
-                       .start_time = absl::InfiniteFuture(),
-                       .end_time = absl::InfiniteFuture(),
-                       .queue_position = static_cast<int>(*own_queued)};
+      return JobRecord{
+          .display_name = job.display_name,
+          .sequence_id = job.sequence_id,
+          .kind = job.kind,
+          .options = job.options,
+          .facts = facts,
+          .threads = job.threads,
+          .priority = job.priority,
+          .limits = job.limits,
+          .pinned = job.pinned,
+          .renders = job.renders,
+          .depth_from = job.depth_from,
+          .tenant = tenant.name(),
+          .recording = *sequence.validation.recording,
+          .create_time = now,
+          .start_time = absl::InfiniteFuture(),
+          .end_time = absl::InfiniteFuture(),
+          .queue_position = static_cast<int>(*own_queued),
+          .webhook = job.webhook_url.empty() ? std::nullopt : std::optional(WebhookRecord{.url = job.webhook_url})};
     }
     const std::string id = NewId();
     RETURN_IF_ERROR(database_->Run(
         "INSERT INTO jobs (id, display_name, sequence_id, recording, kind, options, threads, state, create_time_us, "
-        "depth_from, self_check, tenant, priority) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "queue_time_us, depth_from, self_check, tenant, priority, queue_limit_us, run_limit_us, pinned) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?9, ?9, ?, ?, ?, ?, ?, ?, ?)",
         {id, job.display_name, job.sequence_id, ToJson(*sequence.validation.recording), job.kind, job.options,
          job.threads, JobState::kQueued, absl::ToUnixMicros(now), job.depth_from,
-         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr, tenant.name(), job.priority}));
+         self_check ? SqlValue(ToJson(*self_check).dump()) : nullptr, tenant.name(), job.priority,
+         absl::ToInt64Microseconds(job.limits.queue), absl::ToInt64Microseconds(job.limits.run), job.pinned}));
     const int64_t number = database_->LastInsertedRow();
     for (size_t i = 0; i < job.renders.size(); ++i) {
       RETURN_IF_ERROR(
           database_->Run("INSERT INTO renders (job, idx, plan) VALUES (?, ?, ?)", {number, i, ToJson(job.renders[i])}));
+    }
+    if (!job.webhook_url.empty()) {
+      RETURN_IF_ERROR(database_->Run("INSERT INTO webhooks (job, url) VALUES (?, ?)", {number, job.webhook_url}));
     }
     RETURN_IF_ERROR(RememberRequest(JobScope(tenant), request_id, fingerprint, id));
     ASSIGN_OR_RETURN(JobRecord made_now, ReadJob(number));
@@ -225,12 +267,12 @@ absl::StatusOr<JobRecord> SqliteStore::GetJob(const Tenant& tenant, std::string_
 }
 
 absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const Tenant& tenant, const JobFilter& filter,
-                                                      const PageRequest& page) {
+                                                      const PageRequest& page, JobDetail detail) {
   const int state = filter.state ? static_cast<int>(*filter.state) : 0;
   const std::string sequence = filter.sequence_id.value_or("");
   const std::string list = absl::StrCat("jobs of ", tenant.name(), " state=", state, " sequence=", sequence);
   ASSIGN_OR_RETURN(const int64_t before, ParsePageToken(page, list));
-  ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_));
+  ASSIGN_OR_RETURN(const int size, CheckPageSize(page, limits_.Get()));
   static const std::string sql = std::string(kJobColumns) +
                                  "WHERE number < ?1 AND (?2 = 0 OR state = ?2) AND (?3 = '' OR sequence_id = ?3) "
                                  "AND (?5 = '' OR tenant = ?5) "
@@ -244,12 +286,23 @@ absl::StatusOr<Page<JobRecord>> SqliteStore::ListJobs(const Tenant& tenant, cons
         database_->Run(sql.c_str(), {before, state, sequence, size + 1, tenant.name()}, [&](const SqlRow& row) {
           more = static_cast<int>(result.items.size()) == size;
           if (more) return;
-          absl::StatusOr<JobRecord> job = ToJob(row);
+          absl::StatusOr<JobRecord> job = ToJob(row, detail);
           damage.Update(job.status());
           if (job.ok()) result.items.push_back(*std::move(job));
         }));
     RETURN_IF_ERROR(damage);
-    for (JobRecord& job : result.items) RETURN_IF_ERROR(ReadRenders(job));
+    bool queued = false;
+    for (JobRecord& job : result.items) {
+      RETURN_IF_ERROR(ReadRenders(job, detail));
+      if (detail == JobDetail::kFull) RETURN_IF_ERROR(ReadWebhook(job));
+      queued = queued || job.state == JobState::kQueued;
+    }
+    if (queued) {
+      ASSIGN_OR_RETURN(const auto positions, ReadQueuePositions(tenant));
+      for (JobRecord& job : result.items) {
+        if (const auto found = positions.find(job.id); found != positions.end()) job.queue_position = found->second;
+      }
+    }
     if (more) result.next_token = MakePageToken(result.items.back().number, list);
     return result;
   });
@@ -266,6 +319,10 @@ absl::StatusOr<std::vector<Store::JobCount>> SqliteStore::CountJobs() {
   });
 }
 
+absl::StatusOr<std::map<std::string, int, std::less<>>> SqliteStore::QueuePositions() {
+  return Read([&] { return ReadQueuePositions(Tenant::Everyone()); });
+}
+
 absl::Status SqliteStore::DeleteJob(const Tenant& tenant, std::string_view id) {
   return Transact([&]() -> absl::Status {
     ASSIGN_OR_RETURN(const int64_t number, JobNumber(tenant, id));
@@ -275,9 +332,13 @@ absl::Status SqliteStore::DeleteJob(const Tenant& tenant, std::string_view id) {
                         absl::StrCat("jobs/", std::string(id), " is ", std::string(ToString(job.state)),
                                      "; cancel it before deleting it"));
     }
-    RETURN_IF_ERROR(database_->Run("DELETE FROM requests WHERE made_id = ?", {id}));
-    return database_->Run("DELETE FROM jobs WHERE number = ?", {number});
+    return RemoveJob(id);
   });
+}
+
+absl::Status SqliteStore::RemoveJob(std::string_view id) {
+  RETURN_IF_ERROR(database_->Run("DELETE FROM requests WHERE made_id = ?", {id}));
+  return database_->Run("DELETE FROM jobs WHERE id = ?", {id});
 }
 
 absl::StatusOr<JobRecord> SqliteStore::CancelJob(const Tenant& tenant, std::string_view id) {
@@ -313,8 +374,9 @@ absl::StatusOr<JobRecord> SqliteStore::RetryJob(const Tenant& tenant, std::strin
     }
     RETURN_IF_ERROR(database_->Run(
         "UPDATE jobs SET state = ?, attempt = attempt + 1, error_code = 0, error_message = '', error_info = NULL, "
-        "start_time_us = NULL, end_time_us = NULL WHERE number = ?",
-        {JobState::kQueued, number}));
+        "start_time_us = NULL, end_time_us = NULL, queue_time_us = ? WHERE number = ?",
+        {JobState::kQueued, absl::ToUnixMicros(absl::Now()), number}));
+    RETURN_IF_ERROR(TellOfNextEnd(number));
     RETURN_IF_ERROR(database_->Run("UPDATE intervals SET failures = 0 WHERE job = ? AND failures > 0", {number}));
     RETURN_IF_ERROR(database_->Run("UPDATE render_parts SET failures = 0 WHERE job = ? AND failures > 0", {number}));
     if (job.intervals_total == 0) {

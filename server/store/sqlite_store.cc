@@ -13,8 +13,9 @@
 
 namespace depthtween::server {
 
-absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, const Limits& limits) {
-  ASSIGN_OR_RETURN(std::unique_ptr<Database> database, Database::Open(file));
+absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const std::string& file, const Limits& limits,
+                                                       int checkpoint_pages) {
+  ASSIGN_OR_RETURN(std::unique_ptr<Database> database, Database::Open(file, checkpoint_pages));
   ASSIGN_OR_RETURN(const int64_t version, database->SchemaVersion());
   if (version > 0 && version < static_cast<int64_t>(SchemaSteps().size())) {
     RETURN_IF_ERROR(database->CopyTo(absl::StrCat(file, ".schema-", version)));
@@ -49,10 +50,27 @@ absl::Status SqliteStore::SetFolderId(std::string_view id) {
   });
 }
 
+absl::Status SqliteStore::Probe() {
+  // SQLite writes nothing for an UPDATE that changes nothing.
+  ASSIGN_OR_RETURN(const std::optional<std::string> id, FolderId());
+  if (id) RETURN_IF_ERROR(SetFolderId(*id));
+  const std::lock_guard lock(mutex_);
+  return database_->damage();
+}
+
+absl::Status CheckSqliteFile(const std::string& file) {
+  ASSIGN_OR_RETURN(const std::unique_ptr<Database> database, Database::OpenToRead(file));
+  std::string verdict;
+  RETURN_IF_ERROR(database->Run("PRAGMA integrity_check(10)", {}, [&verdict](const SqlRow& row) {
+    absl::StrAppend(&verdict, verdict.empty() ? "" : "; ", row.Text(0));
+  }));
+  return verdict == "ok" ? absl::OkStatus() : absl::DataLossError(absl::StrCat(file, " is damaged: ", verdict));
+}
+
 absl::StatusOr<std::optional<std::string>> SqliteStore::MadeBefore(const std::string& scope,
                                                                    std::string_view request_id,
                                                                    const std::string& fingerprint) {
-  RETURN_IF_ERROR(CheckText("request_id", request_id, limits_.max_request_id_bytes));
+  RETURN_IF_ERROR(CheckText("request_id", request_id, limits_.Get().max_request_id_bytes));
   std::optional<std::string> made;
   if (request_id.empty()) return made;
   bool same = true;

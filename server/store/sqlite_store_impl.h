@@ -1,7 +1,9 @@
-// The class behind OpenSqliteStore; its methods are spread over sqlite_{sequences,jobs,work,files}.cc.
+// The class behind OpenSqliteStore; its methods are spread over
+// sqlite_{sequences,jobs,work,files,retention,webhooks}.cc.
 #ifndef DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_IMPL_H_
 #define DEPTHTWEEN_SERVER_STORE_SQLITE_STORE_IMPL_H_
 
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -26,6 +28,8 @@ class SqliteStore : public Store {
 
   absl::StatusOr<std::optional<std::string>> FolderId() override;
   absl::Status SetFolderId(std::string_view id) override;
+  LiveLimits& limits() override { return limits_; }
+  absl::Status Probe() override;
 
   absl::StatusOr<SequenceRecord> CreateSequence(const Tenant& tenant, std::string_view display_name,
                                                 std::string_view request_id) override;
@@ -35,29 +39,45 @@ class SqliteStore : public Store {
   absl::Status DeleteSequence(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<UploadRecord> CreateUpload(const Tenant& tenant, std::string_view sequence_id,
                                             const std::vector<UploadFile>& files, int64_t room_bytes,
-                                            std::string_view request_id) override;
+                                            std::string_view request_id, std::string_view metadata) override;
   absl::StatusOr<UploadRecord> GetUpload(const Tenant& tenant, std::string_view sequence_id,
                                          std::string_view upload_id) override;
   absl::StatusOr<std::vector<UploadFile>> UploadFiles(std::string_view upload_id) override;
   absl::Status SetCommittedSize(std::string_view upload_id, int64_t committed_size,
                                 const std::vector<FileChecksum>& complete) override;
   absl::StatusOr<UploadRecord> FinishUpload(std::string_view upload_id) override;
-  absl::StatusOr<std::vector<std::string>> AbandonedSequences(absl::Time before) override;
-  absl::Status DeleteAbandonedSequence(std::string_view id, absl::Time before) override;
+  absl::Status RewindUpload(const Tenant& tenant, std::string_view sequence_id, std::string_view upload_id) override;
+  absl::Status DeleteUpload(const Tenant& tenant, std::string_view sequence_id, std::string_view upload_id) override;
+  absl::StatusOr<std::optional<SequenceArchive>> GetArchive(std::string_view sequence_id) override;
+  absl::Status FinishUnpacking(int64_t task, const SequenceArchive& archive,
+                               const std::vector<FileChecksum>& files) override;
+  absl::StatusOr<std::vector<Collectable>> AbandonedSequences(absl::Time before) override;
+  absl::Status DeleteAbandonedSequence(const Collectable& sequence) override;
   absl::StatusOr<SequenceRecord> CommitSequence(const Tenant& tenant, std::string_view id) override;
 
   absl::StatusOr<JobRecord> CreateJob(const Tenant& tenant, const NewJob& job, std::string_view request_id,
                                       bool validate_only) override;
   absl::StatusOr<JobRecord> GetJob(const Tenant& tenant, std::string_view id) override;
-  absl::StatusOr<Page<JobRecord>> ListJobs(const Tenant& tenant, const JobFilter& filter,
-                                           const PageRequest& page) override;
+  absl::StatusOr<Page<JobRecord>> ListJobs(const Tenant& tenant, const JobFilter& filter, const PageRequest& page,
+                                           JobDetail detail) override;
   absl::StatusOr<std::vector<JobCount>> CountJobs() override;
+  absl::StatusOr<std::map<std::string, int, std::less<>>> QueuePositions() override;
   absl::Status DeleteJob(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<JobRecord> CancelJob(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<JobRecord> RetryJob(const Tenant& tenant, std::string_view id) override;
   absl::StatusOr<std::vector<PlannedInterval>> JobIntervals(std::string_view id, int first, int count) override;
   absl::StatusOr<std::vector<FrameRecord>> JobFrames(const Tenant& tenant, std::string_view id, int first, int count,
                                                      int render) override;
+
+  absl::StatusOr<std::vector<std::string>> FailOverdueJobs(const TimeLimits& server) override;
+  absl::StatusOr<JobRecord> PinJob(const Tenant& tenant, std::string_view id, bool pinned) override;
+  absl::StatusOr<SequenceRecord> PinSequence(const Tenant& tenant, std::string_view id, bool pinned) override;
+  absl::StatusOr<std::vector<Collectable>> CollectableJobs() override;
+  absl::StatusOr<std::vector<Collectable>> CollectableSequences() override;
+  absl::StatusOr<int64_t> BytesOfJob(std::string_view id) override;
+  absl::StatusOr<int64_t> BytesOfSequence(std::string_view id) override;
+  absl::Status CollectJob(const Collectable& job) override;
+  absl::Status CollectSequence(const Collectable& sequence) override;
 
   absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size, ClaimValidations validations) override;
   absl::Status FinishValidation(int64_t task, const ValidationResult& result) override;
@@ -70,6 +90,9 @@ class SqliteStore : public Store {
   absl::Status FailTask(int64_t task, const absl::Status& error, bool retry) override;
   absl::Status ReleaseTask(int64_t task) override;
   absl::Status ReleaseAllTasks() override;
+
+  absl::StatusOr<std::vector<DueWebhook>> DueWebhooks(absl::Time now, int count) override;
+  absl::Status RecordWebhook(std::string_view event_id, const WebhookRecord& now) override;
 
   absl::StatusOr<std::optional<FileChecksum>> JobFile(std::string_view job_id, std::string_view path) override;
   absl::StatusOr<std::vector<FileChecksum>> JobFiles(std::string_view job_id) override;
@@ -118,13 +141,24 @@ class SqliteStore : public Store {
   absl::StatusOr<int64_t> SequenceNumber(const Tenant& tenant, std::string_view id);
   absl::StatusOr<SequenceRecord> ReadSequence(const Tenant& tenant, std::string_view id);
   absl::Status RemoveSequence(std::string_view id);
+  absl::Status RemoveJob(std::string_view id);
   absl::Status TouchSequence(int64_t number, SequenceState state);
   absl::StatusOr<UploadRecord> ReadUpload(const Tenant& tenant, std::string_view id);
+  absl::StatusOr<UploadRecord> ReadUploadOf(const Tenant& tenant, std::string_view sequence_id,
+                                            std::string_view upload_id);
+  absl::StatusOr<UploadRecord> UnfinishedUpload(const Tenant& tenant, std::string_view sequence_id,
+                                                std::string_view upload_id);
+  // Whether the recordings of the tenant may grow by so much.
+  absl::Status CheckTenantBytes(const std::string& tenant, int64_t more_bytes);
   absl::Status CheckNewFiles(int64_t sequence, const std::vector<UploadFile>& files);
 
   absl::StatusOr<int64_t> JobNumber(const Tenant& tenant, std::string_view id);
   absl::StatusOr<JobRecord> ReadJob(int64_t number);
-  absl::Status ReadRenders(JobRecord& job);
+  absl::Status ReadRenders(JobRecord& job, JobDetail detail = JobDetail::kFull);
+  absl::Status ReadWebhook(JobRecord& job);
+  // The job has ended, which is to be told now; it has been queued again, and its next end is to be told.
+  absl::Status TellOfEnd(int64_t job);
+  absl::Status TellOfNextEnd(int64_t job);
   // The job that job.depth_from names. FailedPrecondition or InvalidArgument unless it can give what `job` asks for.
   absl::StatusOr<JobRecord> FindDepthFrom(const Tenant& tenant, const NewJob& job);
   absl::Status EndJob(int64_t number, JobState state, const absl::Status& error);
@@ -149,10 +183,14 @@ class SqliteStore : public Store {
   absl::Status Release(const TaskRow& task);
   absl::Status KeepJobFiles(int64_t job, const std::vector<FileChecksum>& files);
   absl::Status Fail(const TaskRow& task, const absl::Status& error, bool retry);
+  // Ends a job as kFailed; its tasks lose their claims.
+  absl::Status FailJob(int64_t job, const absl::Status& error);
+  // As QueuePositions, of one tenant.
+  absl::StatusOr<std::map<std::string, int, std::less<>>> ReadQueuePositions(const Tenant& tenant);
 
   std::mutex mutex_;
   const std::unique_ptr<Database> database_;  // guarded by mutex_
-  const Limits limits_;
+  LiveLimits limits_;
 };
 
 // Page tokens name the last number seen, and the list and filter they belong to.

@@ -1,6 +1,7 @@
 // Work: how it is claimed, recorded, and given back.
 #include <algorithm>
 #include <iterator>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -132,7 +133,7 @@ absl::StatusOr<int64_t> SqliteStore::JobWhoseTurnItIs() {
           "  OR EXISTS (SELECT 1 FROM intervals i WHERE i.job = j.number AND i.done = 0 AND i.task IS NULL) "
           "  OR EXISTS (SELECT 1 FROM ready_parts p WHERE p.job = j.number)) "
           "ORDER BY coalesce(b.running, 0), coalesce(n.last_task, 0), j.priority DESC, j.number LIMIT 1",
-          {limits_.max_tenant_tasks}));
+          {limits_.Get().max_tenant_tasks}));
   return job.value_or(0);
 }
 
@@ -217,9 +218,11 @@ absl::Status SqliteStore::FinishPrepare(int64_t task, const JobPlan& plan) {
       }
     }
     RETURN_IF_ERROR(
-        database_->Run("UPDATE jobs SET intervals_total = ?, frames_total = ?, clock_estimate = ? WHERE number = ?",
+        database_->Run("UPDATE jobs SET intervals_total = ?, frames_total = ?, clock_estimate = ?, warnings = ? "
+                       "WHERE number = ?",
                        {plan.intervals.size(), plan.frames.size(),
-                        plan.clock_estimate ? SqlValue(ToJson(*plan.clock_estimate).dump()) : nullptr, row.job}));
+                        plan.clock_estimate ? SqlValue(ToJson(*plan.clock_estimate).dump()) : nullptr,
+                        nlohmann::json(plan.warnings).dump(), row.job}));
     if (plan.depth_done) {
       RETURN_IF_ERROR(database_->Run(
           "UPDATE jobs SET intervals_done = intervals_total, frames_done = frames_total WHERE number = ?", {row.job}));
@@ -347,12 +350,16 @@ absl::Status SqliteStore::Fail(const TaskRow& task, const absl::Status& error, b
                                    {ToJson(ValidationResult{.error = error}), task.sequence}));
     return TouchSequence(task.sequence, SequenceState::kInvalid);
   }
+  return FailJob(task.job, error);
+}
+
+absl::Status SqliteStore::FailJob(int64_t job, const absl::Status& error) {
+  RETURN_IF_ERROR(
+      database_->Run("UPDATE intervals SET task = NULL WHERE task IN (SELECT number FROM tasks WHERE job = ?)", {job}));
   RETURN_IF_ERROR(database_->Run(
-      "UPDATE intervals SET task = NULL WHERE task IN (SELECT number FROM tasks WHERE job = ?)", {task.job}));
-  RETURN_IF_ERROR(database_->Run(
-      "UPDATE render_parts SET task = NULL WHERE task IN (SELECT number FROM tasks WHERE job = ?)", {task.job}));
-  RETURN_IF_ERROR(database_->Run("DELETE FROM tasks WHERE job = ?", {task.job}));
-  return EndJob(task.job, JobState::kFailed, error);
+      "UPDATE render_parts SET task = NULL WHERE task IN (SELECT number FROM tasks WHERE job = ?)", {job}));
+  RETURN_IF_ERROR(database_->Run("DELETE FROM tasks WHERE job = ?", {job}));
+  return EndJob(job, JobState::kFailed, error);
 }
 
 absl::Status SqliteStore::FailTask(int64_t task, const absl::Status& error, bool retry) {

@@ -10,6 +10,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -56,6 +57,12 @@ class Store {
   virtual absl::StatusOr<std::optional<std::string>> FolderId() = 0;
   virtual absl::Status SetFolderId(std::string_view id) = 0;
 
+  // What the store refuses to go beyond.
+  virtual LiveLimits& limits() = 0;
+  // Whether records can be read and written now: a write that changes nothing. Errors as everywhere, and DataLoss once
+  // any call has met damage in the database.
+  virtual absl::Status Probe() = 0;
+
   // ---- sequences ----
   // `request_id` may be empty. The same id with the same arguments returns what the first call made; with other
   // arguments AlreadyExists (IDEMPOTENCY_MISMATCH). The id is forgotten when what it made is deleted. CreateUpload and
@@ -76,7 +83,7 @@ class Store {
   // the sequence has it; ResourceExhausted (LIMIT_EXCEEDED); FailedPrecondition unless kUploading.
   virtual absl::StatusOr<UploadRecord> CreateUpload(const Tenant& tenant, std::string_view sequence_id,
                                                     const std::vector<UploadFile>& files, int64_t room_bytes,
-                                                    std::string_view request_id) = 0;
+                                                    std::string_view request_id, std::string_view metadata = {}) = 0;
   virtual absl::StatusOr<UploadRecord> GetUpload(const Tenant& tenant, std::string_view sequence_id,
                                                  std::string_view upload_id) = 0;
   // The manifest, in order.
@@ -87,15 +94,24 @@ class Store {
                                         const std::vector<FileChecksum>& complete = {}) = 0;
   // FailedPrecondition unless every byte is committed. Repeating it changes nothing.
   virtual absl::StatusOr<UploadRecord> FinishUpload(std::string_view upload_id) = 0;
+  // Grammar of giving one up:  RewindUpload, its files are removed, DeleteUpload. Whenever that is cut off, the upload
+  // can be written from its beginning, or given up again. Both: FailedPrecondition if it is finished. No byte of it is
+  // committed any more, and no file has a checksum.
+  virtual absl::Status RewindUpload(const Tenant& tenant, std::string_view sequence_id, std::string_view upload_id) = 0;
+  // Its files are no longer part of the sequence.
+  virtual absl::Status DeleteUpload(const Tenant& tenant, std::string_view sequence_id, std::string_view upload_id) = 0;
 
   // kUploading -> kValidating, with a validate task. FailedPrecondition if an upload is unfinished or there is none.
   // Repeating it changes nothing.
   virtual absl::StatusOr<SequenceRecord> CommitSequence(const Tenant& tenant, std::string_view id) = 0;
 
-  // Of those that are kUploading, the ones of which no byte has come since `before`.
-  virtual absl::StatusOr<std::vector<std::string>> AbandonedSequences(absl::Time before) = 0;
+  // Of a sequence that is, or was, one file NAME.zip and nothing else; nullopt of all others.
+  virtual absl::StatusOr<std::optional<SequenceArchive>> GetArchive(std::string_view sequence_id) = 0;
+
+  // Of those that are kUploading and not pinned, the ones of which no byte has come since `before`.
+  virtual absl::StatusOr<std::vector<Collectable>> AbandonedSequences(absl::Time before) = 0;
   // Deletes one of them. FailedPrecondition if bytes have come meanwhile.
-  virtual absl::Status DeleteAbandonedSequence(std::string_view id, absl::Time before) = 0;
+  virtual absl::Status DeleteAbandonedSequence(const Collectable& sequence) = 0;
 
   // ---- jobs ----
   // FailedPrecondition unless the sequence is kReady, or when job.depth_from has no depth to give; InvalidArgument when
@@ -107,7 +123,7 @@ class Store {
   virtual absl::StatusOr<JobRecord> GetJob(const Tenant& tenant, std::string_view id) = 0;
   // Newest first. InvalidArgument for a token that is not of this list and filter.
   virtual absl::StatusOr<Page<JobRecord>> ListJobs(const Tenant& tenant, const JobFilter& filter,
-                                                   const PageRequest& page) = 0;
+                                                   const PageRequest& page, JobDetail detail = JobDetail::kFull) = 0;
   // How many jobs there are of every tenant in every state; none of 0.
   struct JobCount {
     std::string tenant;
@@ -115,6 +131,8 @@ class Store {
     int count;
   };
   virtual absl::StatusOr<std::vector<JobCount>> CountJobs() = 0;
+  // JobRecord::queue_position of every queued job, by id.
+  virtual absl::StatusOr<std::map<std::string, int, std::less<>>> QueuePositions() = 0;
   // FailedPrecondition unless it has ended.
   virtual absl::Status DeleteJob(const Tenant& tenant, std::string_view id) = 0;
   // kQueued -> kCancelled, kRunning -> kCancelling (kCancelled when no task of it is running). No task of it starts any
@@ -130,8 +148,25 @@ class Store {
   virtual absl::StatusOr<std::vector<FrameRecord>> JobFrames(const Tenant& tenant, std::string_view id, int first,
                                                              int count, int render = -1) = 0;
 
+  // ---- time limits and retention ----
+  // Fails the jobs that are kQueued or kRunning beyond their own limit or the server's, whichever is shorter, with
+  // DeadlineExceeded (TIME_LIMIT). Their tasks lose their claims. Returns the jobs.
+  virtual absl::StatusOr<std::vector<std::string>> FailOverdueJobs(const TimeLimits& server) = 0;
+  virtual absl::StatusOr<JobRecord> PinJob(const Tenant& tenant, std::string_view id, bool pinned) = 0;
+  virtual absl::StatusOr<SequenceRecord> PinSequence(const Tenant& tenant, std::string_view id, bool pinned) = 0;
+  // What may be collected, of all tenants, in the order of `since`: it is not pinned, and has ended or is not used.
+  virtual absl::StatusOr<std::vector<Collectable>> CollectableJobs() = 0;
+  virtual absl::StatusOr<std::vector<Collectable>> CollectableSequences() = 0;
+  // The bytes of the files of one of them.
+  virtual absl::StatusOr<int64_t> BytesOfJob(std::string_view id) = 0;
+  virtual absl::StatusOr<int64_t> BytesOfSequence(std::string_view id) = 0;
+  // Deletes one of them. FailedPrecondition if it has been pinned or used since it was listed.
+  virtual absl::Status CollectJob(const Collectable& job) = 0;
+  virtual absl::Status CollectSequence(const Collectable& sequence) = 0;
+
   // ---- work ----
-  // Grammar for one task:  ClaimTask (FinishValidation | FinishSelfCheck | FinishPrepare | FailTask | ReleaseTask)
+  // Grammar for one task:  ClaimTask (FinishUnpacking? FinishValidation | FinishSelfCheck | FinishPrepare | FailTask |
+  // ReleaseTask)
   //                     |  ClaimTask FinishInterval* (CompleteTask | FailTask | ReleaseTask)
   // All but ClaimTask take the task's number and return FailedPrecondition, changing nothing, when that attempt is no
   // longer the one that counts: its job failed, or it was released.
@@ -144,6 +179,10 @@ class Store {
   // are computed, so that pictures stream as depth does.
   virtual absl::StatusOr<std::optional<Task>> ClaimTask(const BatchSize& batch_size,
                                                         ClaimValidations validations = ClaimValidations::kFirst) = 0;
+  // For a validate task: what the archive of its sequence held takes the archive's place. ResourceExhausted
+  // (LIMIT_EXCEEDED). The task goes on.
+  virtual absl::Status FinishUnpacking(int64_t task, const SequenceArchive& archive,
+                                       const std::vector<FileChecksum>& files) = 0;
   // The state of a validation: sequence kValidating -> kReady | kInvalid. Ends the task.
   virtual absl::Status FinishValidation(int64_t task, const ValidationResult& result) = 0;
   // What a self-check task measured. Ends the task and creates the job's prepare task.
@@ -168,6 +207,13 @@ class Store {
   virtual absl::Status ReleaseTask(int64_t task) = 0;
   // After a restart: releases every task that was running.
   virtual absl::Status ReleaseAllTasks() = 0;
+
+  // ---- webhooks ----
+  // Those to be sent by now, the longest due first.
+  virtual absl::StatusOr<std::vector<DueWebhook>> DueWebhooks(absl::Time now, int count) = 0;
+  // How an attempt to send one went: all but the url of `now` is taken. NotFound when it is not to be sent (any more):
+  // its job was deleted, or queued again.
+  virtual absl::Status RecordWebhook(std::string_view event_id, const WebhookRecord& now) = 0;
 
   // ---- files ----
   // The checksum of one file of a job; nullopt if none is recorded.

@@ -12,11 +12,11 @@ void Health::Set(std::string_view service, bool serving) {
   Notify();
 }
 
-void Health::StopServing() {
+void Health::Hold(std::string_view reason, bool held) {
   {
     const std::lock_guard lock(mutex_);
-    serving_[""] = false;
-    for (auto& [service, serving] : serving_) serving = false;
+    serving_.try_emplace("", false);
+    if (!(held ? holds_.insert(std::string(reason)).second : holds_.erase(std::string(reason)) > 0)) return;
   }
   Notify();
 }
@@ -25,7 +25,7 @@ std::optional<bool> Health::IsServing(std::string_view service) const {
   const std::lock_guard lock(mutex_);
   const auto found = serving_.find(service);
   if (found == serving_.end()) return std::nullopt;
-  return found->second;
+  return found->second && holds_.empty();
 }
 
 std::shared_ptr<void> Health::Subscribe(std::function<void()> on_change) {

@@ -9,6 +9,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -19,8 +20,10 @@ class Health {
  public:
   // "" stands for the server as a whole.
   void Set(std::string_view service, bool serving);
-  // Every service that was ever set, and "", no longer serve.
-  void StopServing();
+  // While any reason is held, nothing serves.
+  void Hold(std::string_view reason, bool held = true);
+  // Every service that was ever set, and "", no longer serve, for good.
+  void StopServing() { Hold("stopping"); }
   // nullopt for a service that was never set.
   std::optional<bool> IsServing(std::string_view service) const;
 
@@ -32,6 +35,7 @@ class Health {
 
   mutable std::mutex mutex_;
   std::map<std::string, bool, std::less<>> serving_;               // guarded by mutex_
+  std::set<std::string, std::less<>> holds_;                       // guarded by mutex_
   std::vector<std::weak_ptr<std::function<void()>>> subscribers_;  // guarded by mutex_
 };
 

@@ -1,7 +1,11 @@
 """Who gets in: TLS, certificates of clients, tokens and tenants, with the real programs and certificates made here by
 openssl. What is right follows from how each certificate and token was made."""
 
+import contextlib
+import http.client
+import json
 import pathlib
+import re
 import shutil
 import subprocess
 import tempfile
@@ -109,6 +113,78 @@ class AccessTest(harness.IntegrationTest):
                 self.assertNotEqual(result.returncode, 0, command)
                 self.assertIn(f"there is no {name}", result.stderr)
 
+    # What each operation needs stands in /openapi.json, so a new one is tried without a change here.
+    def test_every_route_of_the_description_is_guarded(self):
+        tokens = self.folder / "tokens.json"
+        everything = {"read", "write", "admin"}
+        mine = new_token(tokens, "mine", ",".join(everything))
+        other = new_token(tokens, "other", ",".join(everything))
+        expired = new_token(tokens, "expired", ",".join(everything))
+        listed = json.loads(tokens.read_text())
+        next(token for token in listed["tokens"] if token["tenant"] == "expired")["expire_time"] = "2020-01-01T00:00:00Z"
+        tokens.write_text(json.dumps(listed))
+        without = {scope: new_token(tokens, "mine", ",".join(everything - {scope})) for scope in everything}
+
+        with Server(self.folder / "data", options=["--tokens", tokens], http=True) as server:
+            check(server.client("submit", self.sequence, "--wait", "--token-file", self.token_file("mine", mine)))
+            token = {"Authorization": f"Bearer {mine}"}
+            job = server.http("GET", "/v1/jobs", headers=token)[1]["jobs"][0]["name"]
+            sequence = server.http("POST", "/v1/sequences", {}, headers=token)[1]["name"]
+            upload = server.http("POST", f"/v1/{sequence}/uploads", {"files": [{"path": "a", "sizeBytes": 4}]},
+                                 headers=token)[1]["name"]
+            document = server.http("GET", "/openapi.json")[1]
+            real = {"job": job, "sequence": sequence, "upload": upload, "output": "/depth", "frame": "/0",
+                    "format": "/png"}
+            headers = {"Tus-Resumable": "1.0.0", "Upload-Length": "4", "Upload-Metadata": "path Yg==",
+                       "Upload-Offset": "0", "X-HTTP-Method-Override": "PATCH"}
+
+            # Requests whose fields are looked at before the resource.
+            bodies = {"Upload": {"files": [{"path": "b", "sizeBytes": 1}]}}
+
+            def call(method, path, secret, content):
+                content_type, schema = next(iter(content.items()), (None, {}))
+                reference = schema.get("schema", {}).get("$ref", "").split("/")[-1]
+                sent = {**(headers if ":tus" in path else {}), **({"Content-Type": content_type} if content_type else {})}
+                if secret is not None:
+                    sent["Authorization"] = f"Bearer {secret}"
+                body = json.dumps(bodies.get(reference, {})) if content_type == "application/json" else ""
+                connection = http.client.HTTPConnection("127.0.0.1", server.http_port, timeout=harness.PATIENCE_S)
+                with contextlib.closing(connection):
+                    connection.request(method, path, body, sent)
+                    answer = connection.getresponse()
+                    # Of a stream that is let through, the head is enough.
+                    return answer.status
+
+            operations = [(path, verb.upper(), operation) for path, verbs in document["paths"].items()
+                          for verb, operation in verbs.items() if "405" not in operation["responses"]]
+            # Those for operators last: one of them may be the server's end.
+            operations.sort(key=lambda one: one[2]["security"] == [{"bearer": ["admin"]}])
+            self.assertGreater(len(operations), 40)
+            tried = set()
+            for path, method, operation in operations:
+                with self.subTest(f"{method} {path}"):
+                    names = re.findall(r"{(\w+)}", path)
+                    self.assertEqual(set(names) - real.keys(), set(), "a new kind of resource: tell the test of one")
+                    theirs = re.sub(r"{(\w+)}", lambda name: real[name[1]].split("/")[-1], path)
+                    made_up = re.sub(r"{(\w+)}", lambda name: "0" if name[1] == "frame" else "png" if name[1] == "format"
+                                     else "none", path)
+                    content = operation.get("requestBody", {}).get("content", {})
+                    if operation["security"] == []:
+                        self.assertNotIn(call(method, made_up, None, content), (401, 403))
+                        continue
+                    scopes = operation["security"][0]["bearer"]
+                    self.assertTrue(scopes and everything.issuperset(scopes), scopes)
+                    tried.update(scopes)
+                    self.assertEqual(call(method, theirs, None, content), 401)
+                    self.assertEqual(call(method, theirs, "dt_guess", content), 401)
+                    self.assertEqual(call(method, theirs, expired, content), 401)
+                    for scope in scopes:
+                        self.assertEqual(call(method, theirs, without[scope], content), 403, scope)
+                    if names:
+                        self.assertEqual(call(method, theirs, other, content), 404)
+                    self.assertNotIn(call(method, made_up, mine, content), (401, 403, 405))
+            self.assertEqual(tried, everything)
+
     def test_a_signed_link_opens_one_output_without_a_token(self):
         tokens = self.folder / "tokens.json"
         secret = new_token(tokens, "studio")
@@ -152,6 +228,11 @@ class AccessTest(harness.IntegrationTest):
         clients = Authority(self.folder, "clients")
         cert, key = clients.sign("client")
         with Server(self.folder / "data", options=self.tls("--tls-client-ca", clients.cert)) as server:
+            probe = ["depthtween-server", "healthcheck", "--server", server.address, "--tls-ca", self.authority.cert]
+            self.assertEqual(run(*probe, "--tls-cert", cert, "--tls-key", key).returncode, 0)
+            self.assertNotEqual(run(*probe, "--timeout", "2").returncode, 0)
+            named = run(*probe, "--tls-cert", cert, "--tls-key", key, "--tls-name", "other.example.org", "--timeout", "2")
+            self.assertNotEqual(named.returncode, 0)
             ca = ["--tls-ca", self.authority.cert]
             check(server.client("list", *ca, "--tls-cert", cert, "--tls-key", key))
             self.assertNotEqual(server.client("list", *ca, patience_s=0).returncode, 0)
@@ -199,6 +280,22 @@ class AccessTest(harness.IntegrationTest):
                 caller.join()
             self.assertEqual(failures, [])
             self.assertGreater(calls[0], 0)
+
+    def test_a_page_cannot_lead_a_browser_to_a_server_without_tokens(self):
+        def status(server, host):
+            connection = http.client.HTTPConnection("127.0.0.1", server.http_port, timeout=harness.PATIENCE_S)
+            with contextlib.closing(connection):
+                connection.request("GET", "/v1/jobs", headers={"Host": host})
+                return connection.getresponse().status
+
+        tokens = self.folder / "tokens.json"
+        new_token(tokens)
+        with Server(self.folder / "data", http=True, options=["--allow-host", "depth.example"]) as server:
+            for host in ("localhost", f"127.0.0.1:{server.http_port}", "[::1]:80", "depth.example"):
+                self.assertEqual(status(server, host), 200, host)
+            self.assertEqual(status(server, "rebound.example"), 403)
+        with Server(self.folder / "data", http=True, options=["--tokens", tokens]) as server:
+            self.assertEqual(status(server, "depth.example"), 401, "the token decides")
 
     def test_open_addresses_need_tls_and_tokens(self):
         refused = run("depthtween-server", "serve", "--data-dir", self.folder / "data", "--listen", "0.0.0.0:0")

@@ -23,10 +23,6 @@ def camera_of_another_size(recording):
     recording.camera["height"] = 2 * recording.height
 
 
-def no_overlap_in_time(recording):
-    recording.depth_times = [100.0, 100.04]
-
-
 def time_going_back(recording):
     recording.color_times = [0.0, 0.04, 0.02]
 
@@ -66,7 +62,6 @@ CASES = [
     (eight_bit_depth, ["depth/000001.png", "8", "16"]),
     (sizes_that_disagree, ["rgb/000002.png", "66", "64"]),
     (camera_of_another_size, ["96", "48"]),
-    (no_overlap_in_time, ["overlap"]),
     (time_going_back, ["rgb/000002.png", "0.02", "0.04"]),
     (zero_focal_length, ["camera.json", "fx"]),
     (nan_focal_length, ["camera.json"]),
@@ -116,6 +111,43 @@ class BadInputTest(harness.IntegrationTest):
             self.assertIn("warning", result.stderr)
             self.assertIn("depth_scale", result.stderr)
             self.assertIn("1500", result.stderr)
+
+    def test_clocks_that_do_not_meet_are_met_by_the_option_that_the_refusal_names(self):
+        recording = Recording()
+        recording.depth_times = [100.0, 100.04]
+        recording.write(self.folder / "recording")
+        with Server(self.folder / "data") as server:
+            result = server.client("submit", self.folder / "recording", "--wait")
+            self.assertEqual(result.returncode, harness.EXIT_JOB_FAILED, result.stderr)
+            self.assertIn("--clock=100000.000", result.stderr)
+            for clock in "100000", "index", "estimate":
+                check(server.client("submit", self.folder / "recording", "--wait", f"--clock={clock}"))
+
+    def test_names_of_any_language_go_there_and_back(self):
+        recording = Recording()
+        name = "Bild \u00fc \u6df1 (1) [x] 100% #1"
+        recording.files[f"rgb dir/{name}.png"] = recording.files.pop("rgb/000001.png")
+        folder = self.folder / "recording \u00fc"
+        recording.write(folder)
+        lines = (folder / "rgb.txt").read_text().replace("rgb/000001.png", f"rgb dir/{name}.png")
+        (folder / "rgb.txt").write_bytes(b"\xef\xbb\xbf" + lines.encode())
+        with Server(self.folder / "data") as server:
+            check(server.client("submit", folder, "--wait", "-o", self.folder / "out"))
+            self.assertTrue((self.folder / "out" / "depth" / f"{name}.png").is_file())
+
+    def test_every_name_that_is_refused_is_told_at_once(self):
+        recording = Recording()
+        for number in 1, 2:
+            recording.files[f"rgb/a:{number}.png"] = recording.files.pop(f"rgb/00000{number}.png")
+        folder = self.folder / "recording"
+        recording.write(folder)
+        lines = (folder / "rgb.txt").read_text().replace("rgb/000001", "rgb/a:1").replace("rgb/000002", "rgb/a:2")
+        (folder / "rgb.txt").write_text(lines)
+        with Server(self.folder / "data") as server:
+            result = server.client("submit", folder)
+            self.assertNotEqual(result.returncode, 0)
+            for word in "2 of 8 paths", "rgb/a:1.png", "rgb/a:2.png":
+                self.assertIn(word, result.stderr)
 
     def test_random_damage_to_a_frame_ends_no_server(self):
         seed = 20240601

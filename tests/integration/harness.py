@@ -58,6 +58,14 @@ class Process:
     def parent(self):
         return int(self._stat()[1])
 
+    def state(self):
+        """One letter, such as "T" of one that is suspended."""
+        return self._stat()[0]
+
+    def name(self):
+        """What it calls itself, at most 15 characters."""
+        return pathlib.Path(f"/proc/{self.pid}/comm").read_text().strip()
+
     def cpu_seconds(self):
         fields = self._stat()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -139,7 +147,15 @@ class Server:
 
     def tasks(self):
         """The child processes that are computing."""
-        return children_of(self.process.pid)
+        return [process for process in children_of(self.process.pid) if not self._is_host(process)]
+
+    @staticmethod
+    def _is_host(process):
+        """Whether it is the process that forks the others; one that has just ended is nothing of interest either."""
+        try:
+            return process.name() == "task-host"
+        except OSError:
+            return True
 
     def log_text(self):
         return self.log.read_text(errors="replace")

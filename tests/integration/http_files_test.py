@@ -76,7 +76,7 @@ class HttpFilesTest(harness.IntegrationTest):
         location = next(line.split(": ", 1)[1] for line in headers.splitlines() if line.lower().startswith("location:"))
         half = len(data) // 2
         with socket.create_connection(("127.0.0.1", self.server.http_port)) as broken:
-            broken.sendall(f"PATCH {location} HTTP/1.1\r\nHost: x\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
+            broken.sendall(f"PATCH {location} HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
                            "Content-Type: application/offset+octet-stream\r\n"
                            f"Content-Length: {len(data)}\r\n\r\n".encode() + data[:half])
 
@@ -148,7 +148,11 @@ class HttpFilesTest(harness.IntegrationTest):
         self.curl("--request", "PUT", "--data-binary", "abcde", self.url(upload), expect=413)
         self.curl("--request", "PUT", "--data-binary", "cd", "--header", "Content-Range: bytes 2-3/4", self.url(upload),
                   expect=409)
-        self.curl("--request", "DELETE", self.url(f"{upload}:tus"), expect=405)
+        self.curl("--request", "DELETE", self.url(f"{upload}:tus"), expect=412)
+        tus = ("--request", "DELETE", "--header", "Tus-Resumable: 1.0.0")
+        self.curl(*tus, self.url(f"{upload}:tus"), expect=204)
+        self.curl(*tus, self.url(f"{upload}:tus"), expect=404)
+        self.curl("--request", "POST", self.url(f"{upload}:tus"), "--header", "Tus-Resumable: 1.0.0", expect=405)
         self.assertTrue(self.server.is_serving())
 
 

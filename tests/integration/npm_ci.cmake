@@ -1,6 +1,6 @@
 # cmake -D NPM=.. -D FROM=.. -D TO=.. -P npm_ci.cmake: copies the Node client FROM its source folder TO a build folder and
 # installs what package-lock.json pins, unless that very lock file is installed there already.
-file(COPY ${FROM}/client.js ${FROM}/package.json ${FROM}/package-lock.json DESTINATION ${TO})
+file(COPY ${FROM}/ DESTINATION ${TO})
 file(SHA256 ${TO}/package-lock.json LOCK)
 set(STAMP ${TO}/node_modules/.installed)
 if(EXISTS ${STAMP})

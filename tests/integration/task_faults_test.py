@@ -1,5 +1,5 @@
 """Tasks that are stopped, killed or hang get another attempt, and not for ever; a cancel frees the processor whatever is
-at work. The tasks are the real ones, held in a known state by SIGSTOP. The truth of a result is what
+at work. The tasks are the real ones, held in a known state by a program that begins them. The truth of a result is what
 `depthtween-core upsample` writes."""
 
 import contextlib
@@ -15,13 +15,27 @@ from harness import Server, check
 FRAMES = 33  # four intervals
 STALL = ["--task-stall-seconds", "2"]
 
-# A program in place of depthtween-core whose tasks of one kind hang, the first TIMES times: they sleep and say nothing.
-# It stands beside the folder that counts them.
+# Programs in place of depthtween-core. Each task is to be started by them, and not forked by a host.
+#
+# Its tasks of one kind hang, the first TIMES times: they sleep and say nothing. It stands beside the folder that counts
+# them.
 HANGING_CORE = """#!/bin/sh
+[ "$1" = task-host ] && exit 2
 if [ "$1" = task ] && [ "$2" = {kind} ] && [ $(ls {counts} | wc -l) -lt {times} ]; then
   touch {counts}/$$
   exec sleep 100000
 fi
+exec {core} "$@"
+"""
+# The first task of each of these kinds suspends itself before it begins.
+HOLDING_CORE = """#!/bin/sh
+[ "$1" = task-host ] && exit 2
+case "$2" in {kinds})
+  if [ "$1" = task ] && [ ! -e {held}/$2 ]; then
+    touch {held}/$2
+    kill -STOP $$
+  fi
+esac
 exec {core} "$@"
 """
 
@@ -46,37 +60,43 @@ class TaskFaultsTest(harness.IntegrationTest):
         harness.synth(cls.sequence, FRAMES)
         harness.upsample(cls.sequence, cls.local)
 
-    def catch(self, server, kind, but=()):
-        """Suspends a task of this kind as soon as there is one, other than those of `but`."""
+    def catch(self, server, kind):
+        """The task of this kind that has suspended itself, see holding()."""
 
         def caught():
             for task in server.tasks():
-                if kind_of(task) == kind and task.pid not in but:
-                    with contextlib.suppress(OSError):
-                        os.kill(task.pid, signal.SIGSTOP)
-                        if task.lives():
-                            return task
+                with contextlib.suppress(OSError):
+                    if kind_of(task) == kind and task.state() == "T":
+                        return task
             return None
 
         return harness.wait_for(f"a task of kind {kind}", caught)
 
     def submit_and_catch(self, server, kind, *options):
-        """Looks for the task from before it is there: it may be short. Returns the job's name and the task."""
-        client = server.start_client("submit", str(self.sequence), *options)
-        self.addCleanup(lambda: client.poll() is None and client.kill())
-        task = self.catch(server, kind)
-        stdout, stderr = client.communicate(timeout=harness.PATIENCE_S)
-        self.assertEqual(client.returncode, 0, stderr)
-        return stdout.strip(), task
+        """Returns the job's name and its task."""
+        name = check(server.client("submit", self.sequence, *options)).stdout.strip()
+        return name, self.catch(server, kind)
+
+    def holding(self, *kinds):
+        """Options of a server that suspends the first task of each of these kinds."""
+        held = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
+        text = HOLDING_CORE.format(kinds="|".join(kinds), held=held, core=harness.BIN / "depthtween-core")
+        return ["--core-binary", self.program(text, held.name + "_core")]
+
+    def program(self, text, name="core"):
+        program = self.folder / name
+        program.write_text(text)
+        program.chmod(0o755)
+        return program
 
     def wait_until_gone(self, task):
         harness.wait_for(f"the end of task {task.pid}", lambda: not task.lives())
 
     def test_a_stopped_and_a_killed_task_get_another_attempt(self):
-        with Server(self.folder / "data", options=STALL) as server:
+        with Server(self.folder / "data", options=STALL + self.holding("prepare", "intervals")) as server:
             name, stopped = self.submit_and_catch(server, "prepare")
             self.wait_until_gone(stopped)  # by the watchdog
-            killed = self.catch(server, "intervals", but=(stopped.pid,))
+            killed = self.catch(server, "intervals")
             os.kill(killed.pid, signal.SIGKILL)
             watched = server.client("watch", name)
             self.assertEqual(watched.returncode, 0, watched.stderr)
@@ -111,15 +131,13 @@ class TaskFaultsTest(harness.IntegrationTest):
             self.assertEqual(ready.returncode, 0, ready.stderr)
 
     def hanging_core(self, counts, times, kind="prepare"):
-        program = self.folder / "core"
-        program.write_text(HANGING_CORE.format(kind=kind, counts=counts, times=times, core=harness.BIN / "depthtween-core"))
-        program.chmod(0o755)
-        return program
+        return self.program(HANGING_CORE.format(kind=kind, counts=counts, times=times,
+                                                core=harness.BIN / "depthtween-core"))
 
     def test_cancel_frees_the_processor_in_every_state(self):
         for kind, options in (("prepare", []), ("self-check", ["--self-check"]), ("intervals", ["--key-every", "2"]),
                               ("assemble", ["--scene-flow"])):
-            with self.subTest(kind), Server(self.folder / f"data_{kind}") as server:
+            with self.subTest(kind), Server(self.folder / f"data_{kind}", options=self.holding(kind)) as server:
                 name, task = self.submit_and_catch(server, kind, *options)
                 self.assertEqual(server.job(name)["state"], "STATE_RUNNING")
                 os.kill(task.pid, signal.SIGCONT)
@@ -129,7 +147,7 @@ class TaskFaultsTest(harness.IntegrationTest):
                 self.assertEqual(server.tasks(), [])
 
     def test_cancel_of_a_queued_job_begins_nothing(self):
-        with Server(self.folder / "data") as server:
+        with Server(self.folder / "data", options=self.holding("prepare")) as server:
             first, busy = self.submit_and_catch(server, "prepare")
             queued = check(server.client("submit", self.sequence, "--method", "hold")).stdout.strip()
             self.assertEqual(server.job(queued)["state"], "STATE_QUEUED")
@@ -141,7 +159,7 @@ class TaskFaultsTest(harness.IntegrationTest):
             harness.wait_for("the job to be cancelled", lambda: server.job(first)["state"] == "STATE_CANCELLED")
 
     def test_deleting_a_recording_ends_its_validation(self):
-        with Server(self.folder / "data") as server:
+        with Server(self.folder / "data", options=self.holding("validate")) as server:
             client = server.start_client("submit", str(self.sequence))
             self.addCleanup(lambda: client.poll() is None and client.kill())
             task = self.catch(server, "validate")

@@ -1,10 +1,12 @@
 """The HTTP listener under a client of tus that others wrote, tus-js-client on Node. The truth is the file itself: what the
 server has stored in the end is compared byte for byte."""
 
+import email.utils
 import json
 import os
 import pathlib
 import subprocess
+import time
 
 import harness
 from harness import Server
@@ -44,6 +46,13 @@ class TusJsTest(harness.IntegrationTest):
             self.assertGreaterEqual(resumed["firstOffset"], cut["acceptedBytes"])
             _, after = server.http("GET", f"/v1/{upload}")
             self.assertEqual(after["state"], "STATE_FINISHED")
+
+            # Taken back: nothing of it is left, and its name is free.
+            gone = self.node("terminate", endpoint, file, "gone.bin")
+            self.assertEqual(gone["statuses"][-1], "DELETE 204")
+            upload = gone["url"].split("/v1/")[1].removesuffix(":tus")
+            self.assertEqual(server.http("GET", f"/v1/{upload}")[0], 404)
+            self.assertGreater(email.utils.parsedate_to_datetime(gone["expires"]).timestamp(), time.time())
 
             stored = {path.name: path.read_bytes() for path in server.data_dir.rglob("*.bin")}
             self.assertEqual(sorted(stored), ["cut.bin", "whole.bin"])

@@ -13,6 +13,8 @@ MODULES = {
     "core/geometry": ["core/base"],
     # What a task gives up before it reads a stranger's file.
     "core/sandbox": ["core/base"],
+    # How a task comes to life: servers and depthtween-core do it together.
+    "core/launch": [],
     "core/sequence": ["core/geometry"],
     # The one list of options. It knows no pixels: servers and clients may know it.
     "core/options": ["core/sequence"],
@@ -32,18 +34,20 @@ MODULES = {
     "core/synthetic": ["core/io"],
     "core/render": ["core/fill"],
     "core/session": ["core/api", "core/capture", "core/sceneflow", "core/metrics", "core/render", "core/io"],
-    "core/tools": ["core/session", "core/synthetic", "core/flags", "core/sandbox"],
+    "core/tools": ["core/session", "core/synthetic", "core/flags", "core/sandbox", "core/launch"],
     # Headers that both sides of the wire share; they know no generated type of ours.
     "proto/depthtween": [],
     # The server knows recordings as values and files, never the algorithms: those run in child processes.
     "server/telemetry": [],
     "server/store": ["core/options", "proto/depthtween", "server/telemetry"],
     "server/access": ["server/store", "server/telemetry"],
-    "server/jobs": ["server/store", "server/telemetry"],
+    "server/jobs": ["server/store", "server/telemetry", "core/launch"],
     "server/rpc": ["server/access", "server/jobs", "core/io"],
     # A client of the server's own gRPC, so that one guard sees every call. It knows neither services nor store.
     "server/http": ["server/access", "server/telemetry"],
-    "server": ["server/rpc", "server/http", "core/sandbox"],
+    # Calls others, over HTTP; it knows neither jobs nor messages.
+    "server/webhooks": ["server/store", "server/telemetry"],
+    "server": ["server/rpc", "server/http", "server/webhooks", "core/sandbox"],
     "client/lib": ["proto/depthtween", "core/base"],
     "client/cli": ["client/lib", "core/flags"],
 }
@@ -53,7 +57,7 @@ EXTERNAL = [
     ("gRPC", r"grpc(pp)?/", r"gRPC::|grpc\+\+", ["server/rpc", "server/http", "client/lib", "client/cli"]),
     ("protobuf", r"google/|depthtween/v1/", r"protobuf::|depthtween_proto", ["server/rpc", "server/http", "client/lib", "client/cli", "proto/depthtween"]),
     ("SQLite", r"sqlite", r"SQLite", ["server/store"]),
-    ("HTTP", r"boost/|curl/|httplib", r"Boost::|CURL::", ["server/http"]),
+    ("HTTP", r"boost/|curl/|httplib", r"Boost::|CURL::", ["server/http", "server/webhooks"]),
     ("OpenCV", r"opencv2/", r"opencv_", ["core/flow", "core/baselines", "core/api", "core/session"]),
     ("the codecs of libav", r"libav|libsw", r"PkgConfig::LIBAV", ["core/io"]),
     ("CLI11", r"CLI/", r"CLI11::", ["core/flags", "core/tools", "server", "client/cli"]),

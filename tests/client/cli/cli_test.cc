@@ -191,5 +191,16 @@ TEST(DescribeMeasured, ClockIsAnEstimateOrTheReasonWhyThereIsNone) {
             "no self-check: too short\nclock: the images do not tell: nothing moves; the stamps are kept\n");
 }
 
+TEST(DescribeMeasured, WarningsAreSaidOnce) {
+  v1::Job job;
+  job.add_warnings("no depth frame holds a single measurement: every output will be unknown");
+  job.mutable_clock_estimate()->set_summary("the images do not tell: nothing moves");
+  job.mutable_clock_estimate()->set_reason("nothing moves");
+  job.add_warnings("the images do not tell: nothing moves; the stamps are kept");
+  EXPECT_EQ(DescribeMeasured(job),
+            "clock: the images do not tell: nothing moves; the stamps are kept\n"
+            "warning: no depth frame holds a single measurement: every output will be unknown\n");
+}
+
 }  // namespace
 }  // namespace depthtween::cli

@@ -269,10 +269,12 @@ TEST_F(ClientTest, WatchGoesOnAfterTheEventItSawLast) {
   event.mutable_state_change()->set_state(v1::Job::STATE_RUNNING);
   event.mutable_state_change()->mutable_self_check()->set_summary("good");
   event.mutable_state_change()->mutable_clock_estimate()->set_summary(", ahead");
+  event.mutable_state_change()->add_warnings(", a warning");
   server_.jobs.events.push_back(event);
   event.mutable_state_change()->Clear();
   event.set_resume_token("three");
   event.mutable_state_change()->set_state(v1::Job::STATE_SUCCEEDED);
+  event.mutable_state_change()->add_warnings(", a warning");
   server_.jobs.events.push_back(event);
 
   std::vector<std::string> seen;
@@ -281,12 +283,12 @@ TEST_F(ClientTest, WatchGoesOnAfterTheEventItSawLast) {
   const auto job = WatchJob(*connection_, "jobs/1", [&](const v1::JobEvent& event, const v1::Job& job) {
     seen.push_back(event.resume_token());
     if (event.has_frames_ready()) frames_done = job.progress().frames_done();
-    measured = job.self_check().summary() + job.clock_estimate().summary();
+    measured = job.self_check().summary() + job.clock_estimate().summary() + absl::StrJoin(job.warnings(), "");
   });
   ASSERT_TRUE(job.ok()) << job.status();
   EXPECT_THAT(seen, ElementsAre("one", "two", "measured", "three"));
   EXPECT_EQ(frames_done, 4);
-  EXPECT_EQ(measured, "good, ahead") << "what was measured stays";
+  EXPECT_EQ(measured, "good, ahead, a warning") << "what was measured stays";
   EXPECT_THAT(server_.jobs.resume_tokens, ElementsAre("", "one"));
   EXPECT_EQ(job->state(), v1::Job::STATE_SUCCEEDED);
   EXPECT_EQ(job->end_time().seconds(), 1);

@@ -40,6 +40,18 @@ TEST(FindSequence, FindsWhatTheListsNameAndNothingElse) {
               ElementsAre("camera.json", "rgb.txt", "depth.txt", "rgb/a.png", "rgb/b c.png", "depth/a.png"));
 }
 
+// Editors on Windows put a mark before the text; names with blanks and letters of any language are names.
+TEST(FindSequence, ReadsListsOfAnyEditorAndLanguage) {
+  const TemporaryFolder folder;
+  WriteRecording(folder);
+  folder.Write("rgb.txt", "\xEF\xBB\xBF# timestamp filename\n0.0 rgb/Bild \xC3\xBC \xE6\xB7\xB1 (1) 100% #1.png\n");
+  folder.Write("rgb/Bild \xC3\xBC \xE6\xB7\xB1 (1) 100% #1.png", "red");
+  const auto sequence = FindSequence(folder.path());
+  ASSERT_TRUE(sequence.ok()) << sequence.status();
+  EXPECT_THAT(Paths(*sequence), ElementsAre("camera.json", "rgb.txt", "depth.txt",
+                                            "rgb/Bild \xC3\xBC \xE6\xB7\xB1 (1) 100% #1.png", "depth/a.png"));
+}
+
 // Two of the files are deleted, so exactly those must be named.
 TEST(FindSequence, NamesEveryMissingFile) {
   const TemporaryFolder folder;
@@ -50,6 +62,22 @@ TEST(FindSequence, NamesEveryMissingFile) {
   EXPECT_TRUE(absl::IsNotFound(sequence.status()));
   EXPECT_THAT(std::string(sequence.status().message()),
               AllOf(HasSubstr("lacks 2 files: camera.json, depth/a.png"), Not(HasSubstr("rgb/a.png"))));
+}
+
+TEST(FindSequence, TakesAnArchiveAsItIs) {
+  const TemporaryFolder folder;
+  folder.Write("clips/hands.ZIP", "packed");
+  folder.Write("clips/hands.txt", "text");
+  auto sequence = FindSequence(folder / "clips/hands.ZIP");
+  ASSERT_TRUE(sequence.ok()) << sequence.status();
+  EXPECT_THAT(Paths(*sequence), ElementsAre("hands.ZIP"));
+  EXPECT_EQ(sequence->display_name, "hands.ZIP");
+  EXPECT_EQ(sequence->size_bytes, 6);
+  ASSERT_TRUE(HashFiles(*sequence, nullptr).ok());
+  const auto bytes = ConcatenatedFiles(sequence->directory, sequence->files).Read(0, 100);
+  ASSERT_TRUE(bytes.ok());
+  EXPECT_EQ(*bytes, "packed");
+  EXPECT_TRUE(absl::IsInvalidArgument(FindSequence(folder / "clips/hands.txt").status()));
 }
 
 // A hostile list must not make the client send files from elsewhere.

@@ -8,6 +8,7 @@
 
 #include "core/api/make_upsampler.h"
 #include "core/sequence/clock.h"
+#include "core/sequence/retold_source.h"
 #include "core/synthetic/synthetic_sequence.h"
 #include "depthtween/depthtween.h"
 #include "depthtween/opencv.h"
@@ -43,19 +44,6 @@ const MemorySource& Clip(double phase_s = 0) {
   return *clip;
 }
 
-// The clip under other stamps, or with fewer depth frames.
-class Retold : public FrameSource {
- public:
-  Retold(const FrameSource& source, Sequence sequence) : source_(source), sequence_(std::move(sequence)) {}
-  const Sequence& sequence() const override { return sequence_; }
-  absl::StatusOr<Image<Rgb8>> Color(int index) const override { return source_.Color(index); }
-  absl::StatusOr<Image<float>> Depth(int index) const override { return source_.Depth(index); }
-
- private:
-  const FrameSource& source_;
-  const Sequence sequence_;
-};
-
 // One frame's answer, as bytes.
 struct Answer {
   int64_t time_ns = 0;
@@ -71,7 +59,7 @@ struct Answer {
 std::vector<Answer> Truth(const FrameSource& source, const UpsampleOptions& options, int noise_frames) {
   Sequence first = source.sequence();
   if (noise_frames > 0) first.depth.resize(noise_frames);
-  const auto constants = EstimateClipConstants(Retold(source, first), options.causal);
+  const auto constants = EstimateClipConstants(RetoldSource(source, first), options.causal);
   EXPECT_TRUE(constants.ok()) << constants.status();
   const auto upsampler = MakeUpsampler(options);
   EXPECT_TRUE(upsampler.ok()) << upsampler.status();
@@ -153,7 +141,7 @@ TEST_P(EveryWay, SaysWhatTheUpsamplerSays) {
   program.preset = options.preset;
   program.causal = options.causal;
   const Sequence paired = PairDepthWithinJitter(clip.sequence());
-  const Retold whole(clip, options.noise_frames == 0 ? paired : clip.sequence());
+  const RetoldSource whole(clip, options.noise_frames == 0 ? paired : clip.sequence());
   const std::vector<Answer> truth = Truth(whole, program, options.noise_frames);
   const std::vector<Answer> answers = Streamed(clip, options, late_ns);
   ASSERT_EQ(answers.size(), clip.sequence().color.size());

@@ -44,6 +44,53 @@ RC_GTEST_PROP(FrameList, TimeStampsRoundTripExactly, ()) {
   RC_ASSERT(list.frames.at(0).path == "rgb/a.png"s);
 }
 
+// Editors on Windows put it there; it is no part of the text.
+TEST(FrameList, SkipsAByteOrderMark) {
+  for (const char* begin : {"\xEF\xBB\xBF# timestamp filename\n", "\xEF\xBB\xBF"}) {
+    const FrameList list = ParseFrameList(std::string(begin) + "0.5 a.png\n");
+    EXPECT_THAT(list.problems, IsEmpty());
+    ASSERT_EQ(list.frames.size(), 1U);
+    EXPECT_EQ(list.frames[0].time_ns, 500000000);
+  }
+  EXPECT_THAT(ParseFrameList("\xFF\xFE#\0"s).problems,
+              ElementsAre(HasStatus(StatusCode::kInvalidArgument, HasSubstr("UTF-16"))));
+}
+
+// 30 frames a second, in each unit.
+TEST(FrameList, KnowsTheUnitOfStamps) {
+  const std::pair<std::string, TimeUnit> lists[] = {{"12.0 a\n12.033333333 b\n", TimeUnit::kSeconds},
+                                                    {"12000 a\n12033.333333 b\n", TimeUnit::kMilliseconds},
+                                                    {"12000000 a\n12033333.333 b\n", TimeUnit::kMicroseconds},
+                                                    {"12000000000 a\n12033333333 b\n", TimeUnit::kNanoseconds}};
+  for (const auto& [text, unit] : lists) {
+    const FrameList list = ParseFrameList(text);
+    EXPECT_THAT(list.problems, IsEmpty());
+    ASSERT_EQ(list.frames.size(), 2U);
+    EXPECT_EQ(list.unit, unit);
+    EXPECT_FALSE(list.unit_is_said);
+    EXPECT_EQ(list.frames[0].time_ns, 12000000000);
+    EXPECT_EQ(list.frames[1].time_ns, 12033333333);
+  }
+}
+
+// What the list says counts, also against what its stamps look like; what is written reads back whatever the rate.
+TEST(FrameList, BelievesTheUnitThatIsSaid) {
+  const FrameList slow = ParseFrameList("#unit: s\n0 a\n60 b\n");
+  EXPECT_THAT(slow.problems, IsEmpty());
+  EXPECT_TRUE(slow.unit_is_said);
+  EXPECT_EQ(slow.frames.at(1).time_ns, 60000000000);
+  const FrameList again = ParseFrameList(FormatFrameList(slow.frames));
+  EXPECT_THAT(again.problems, IsEmpty());
+  EXPECT_EQ(again.frames.at(1).time_ns, 60000000000);
+  EXPECT_EQ(ParseFrameList("# unit: us\n0 a\n5 b\n").frames.at(1).time_ns, 5000);
+  EXPECT_THAT(ParseFrameList("# unit: fortnights\n0 a\n").problems,
+              ElementsAre(HasStatus(StatusCode::kInvalidArgument, AllOf(HasSubstr("line 1"), HasSubstr("s, ms, us")))));
+  EXPECT_THAT(ParseFrameList("# unit: s\n9300000000000 a\n").problems,
+              ElementsAre(HasStatus(StatusCode::kInvalidArgument, HasSubstr("292 years"))));
+  EXPECT_THAT(ParseFrameList("1305031232 a\n1305031265 b\n").problems,
+              ElementsAre(HasStatus(StatusCode::kInvalidArgument, HasSubstr("# unit: "))));
+}
+
 TEST(FrameList, NamesEveryBadLine) {
   const FrameList list = ParseFrameList(
       "0.0 a.png\n"

@@ -115,6 +115,50 @@ TEST(Jpeg, NamesEveryTruncation) {
     EXPECT_THAT(DecodeJpeg(file.substr(0, size)), HasStatus(StatusCode::kDataLoss, _)) << size << " bytes";
 }
 
+// Bytes between the last pixel and the end, which webcams leave, change no pixel; many of them are lost pixels.
+TEST(Jpeg, ReadsPastStrayBytes) {
+  const Image<Rgb8> image = Gradient(45, 31);
+  const std::string file = *EncodeJpeg(image), body = file.substr(0, file.size() - 2),
+                    end = file.substr(file.size() - 2);
+  const auto clean = DecodeJpeg(file);
+  for (const std::string& stray : {std::string(1, '\0'), std::string("\x00\x12\x34\x56", 4), std::string(60, '\0')}) {
+    const auto decoded = DecodeJpeg(body + stray + end);
+    ASSERT_THAT(decoded, IsOk());
+    EXPECT_TRUE(SamePixels(*decoded, *clean));
+  }
+  EXPECT_THAT(DecodeJpeg(body + std::string(2000, '\x21') + end),
+              HasStatus(StatusCode::kDataLoss, HasSubstr("extraneous")));
+  // Between the segments of the header any number is harmless.
+  const size_t frame = file.find("\xff\xc0");
+  ASSERT_NE(frame, std::string::npos);
+  const auto decoded = DecodeJpeg(file.substr(0, frame) + std::string(300, '\0') + file.substr(frame));
+  ASSERT_THAT(decoded, IsOk());
+  EXPECT_TRUE(SamePixels(*decoded, *clean));
+}
+
+// Pixels that are missing in the middle are not made up, whatever stands in their place.
+TEST(Jpeg, RefusesMissingPixels) {
+  const std::string file = *EncodeJpeg(NoisyImage<Rgb8>(64, 48));
+  const size_t half = file.size() / 2;
+  EXPECT_THAT(DecodeJpeg(file.substr(0, half) + file.substr(file.size() - 2)), HasStatus(StatusCode::kDataLoss, _));
+  std::string restarted = file;
+  restarted.replace(half, 2, "\xff\xd3");  // a restart marker where none is due
+  EXPECT_THAT(DecodeJpeg(restarted), HasStatus(StatusCode::kDataLoss, _));
+}
+
+// The precision stands behind the length of the frame header, the kind of coding in its marker.
+TEST(Jpeg, NamesKindsThatAreNotRead) {
+  const std::string file = *EncodeJpeg(Gradient(8, 8));
+  const size_t frame = file.find("\xff\xc0");
+  ASSERT_NE(frame, std::string::npos);
+  std::string changed = file;
+  changed[frame + 4] = 12;
+  EXPECT_THAT(DecodeJpeg(changed), HasStatus(StatusCode::kInvalidArgument, HasSubstr("12 bits per sample")));
+  changed = file;
+  changed[frame + 1] = '\xc3';
+  EXPECT_THAT(DecodeJpeg(changed), HasStatus(StatusCode::kInvalidArgument, HasSubstr("without loss")));
+}
+
 TEST(Jpeg, RefusesWhatCannotBeEncoded) {
   EXPECT_THAT(EncodeJpeg(Image<Rgb8>()), HasStatus(StatusCode::kInvalidArgument, HasSubstr("no pixels")));
   EXPECT_THAT(EncodeJpeg(Image<Rgb8>(1, 1), 0), HasStatus(StatusCode::kInvalidArgument, HasSubstr("quality = 0")));

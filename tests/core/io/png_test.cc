@@ -144,6 +144,15 @@ TEST(Png, NoticesEveryChangedByte) {
   EXPECT_THAT(DecodePng16(checksum_changed), HasStatus(StatusCode::kDataLoss, HasSubstr("CRC")));
 }
 
+// A profile whose checksum is wrong, as some editors leave it, says nothing of the pixels.
+TEST(Png, ReadsPixelsBesideADamagedProfile) {
+  std::string profile = PngChunk("iCCP", "sRGB\0\0nothing"s);
+  profile.back() ^= 1;
+  const auto image = DecodePng8(PngFile(1, 1, 8, 0, "\0\7"s, profile));
+  ASSERT_THAT(image, IsOk());
+  EXPECT_EQ((*image)(0, 0), 7);
+}
+
 // Fewer rows than promised.
 TEST(Png, NoticesMissingPixels) {
   EXPECT_THAT(DecodePng8(PngFile(2, 3, 8, 0, "\0\1\2"s)), HasStatus(StatusCode::kDataLoss, testing::_));

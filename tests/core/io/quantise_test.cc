@@ -23,6 +23,18 @@ TEST(Quantise, StoredDepthSurvivesMetres) {
   }
 }
 
+// What sensors write where nothing was measured is no depth of 65.5 m; the code below it is one.
+TEST(Quantise, LargestCodeOfARecordingIsUnknown) {
+  Image<uint16_t> units(3, 1);
+  units(0, 0) = 65535;
+  units(1, 0) = 65534;
+  units(2, 0) = 1500;
+  const Image<float> depth_m = DequantiseRecordedDepth(units, 1000);
+  EXPECT_EQ(depth_m(0, 0), 0.0F);
+  EXPECT_EQ(depth_m(1, 0), 65.534F);
+  EXPECT_EQ(depth_m(2, 0), 1.5F);
+}
+
 TEST(Quantise, RoundsToNearest) {
   EXPECT_EQ(DepthToUnits(1.2344F, 1000), 1234);
   EXPECT_EQ(DepthToUnits(1.2346F, 1000), 1235);

@@ -136,7 +136,8 @@ TEST_F(SequenceFolderTest, NamesDepthOfEightBits) {
 TEST_F(SequenceFolderTest, NamesFramesOfAnotherSize) {
   ASSERT_THAT(WritePng16(Path("depth/000001.png"), Image<uint16_t>(4, 3)), IsOk());
   ExpectViolation("depth/000001.png", StatusCode::kInvalidArgument,
-                  HasSubstr("is 4 x 3 pixels, camera.json says 8 x 6"),
+                  AllOf(HasSubstr("is 4 x 3 pixels, camera.json says 8 x 6"), HasSubstr("2 times as wide"),
+                        HasSubstr("INTER_NEAREST"), HasSubstr("(8,6)")),
                   /*found_by_open=*/false);
   const auto folder = SequenceFolder::Open(dir());
   EXPECT_THAT((*folder)->Depth(1), HasStatus(StatusCode::kInvalidArgument, HasSubstr("depth/000001.png: is 4 x 3")));
@@ -233,9 +234,78 @@ TEST_F(SequenceFolderTest, GathersTheProblemsOfAFile) {
       AllOf(HasSubstr("line 3: 'soon'"), HasSubstr("line 4"), HasSubstr("depth/000001.png has time stamp")));
 }
 
-TEST_F(SequenceFolderTest, NamesClocksThatDoNotMeet) {
+// A clock is chosen later, and brings them together.
+TEST_F(SequenceFolderTest, WarnsOfClocksThatDoNotMeet) {
   Put(Path("depth.txt"), "100.0 depth/000000.png\n100.1 depth/000001.png\n");
-  ExpectViolation("depth.txt", StatusCode::kInvalidArgument, HasSubstr("do not overlap in time"));
+  const auto check = CheckSequenceFolder(dir());
+  ASSERT_THAT(check, IsOk());
+  EXPECT_TRUE(check->ok());
+  EXPECT_THAT(check->warnings,
+              ElementsAre(AllOf(HasSubstr("do not overlap in time"), HasSubstr("--clock=100000.000"))));
+  EXPECT_THAT(SequenceFolder::Open(dir()), IsOk());
+}
+
+// The same stamps in milliseconds, in one list and in both.
+TEST_F(SequenceFolderTest, ReadsStampsInOtherUnits) {
+  const std::string colour_ms = "0 rgb/000000.png\n10 rgb/000001.png\n20 rgb/000002.png\n30 rgb/000003.png\n";
+  const std::string depth_ms = "0 depth/000000.png\n25.5 depth/000001.png\n";
+  Put(Path("depth.txt"), depth_ms);
+  const auto one = SequenceFolder::Open(dir());
+  ASSERT_THAT(one, IsOk());
+  EXPECT_EQ((*one)->sequence().depth[1].time_ns, 25500000);
+  EXPECT_EQ((*one)->sequence().color[1].time_ns, 10000000);
+  EXPECT_THAT((*one)->Warnings(1), ElementsAre(AllOf(HasSubstr("depth.txt"), HasSubstr("milliseconds"))));
+  Put(Path("rgb.txt"), colour_ms);
+  const auto both = SequenceFolder::Open(dir());
+  ASSERT_THAT(both, IsOk());
+  EXPECT_EQ((*both)->sequence().color[3].time_ns, 30000000);
+  EXPECT_THAT((*both)->Warnings(2),
+              ElementsAre(AllOf(HasSubstr("rgb.txt"), HasSubstr("a frame every 10 ms")), HasSubstr("depth.txt")));
+  EXPECT_EQ(CheckSequenceFolder(dir())->warnings, (*both)->Warnings(1));
+  // Said, it is believed, and no warning is due.
+  Put(Path("rgb.txt"), "# unit: ms\n" + colour_ms);
+  Put(Path("depth.txt"), "# unit: ms\n" + depth_ms);
+  EXPECT_THAT((*SequenceFolder::Open(dir()))->Warnings(1), IsEmpty());
+}
+
+// 12 of the 48 pixels of one depth frame of two.
+TEST_F(SequenceFolderTest, TakesTheLargestCodeForUnknown) {
+  Image<uint16_t> units = QuantiseDepth(SomeDepth(1), kDepthScale);
+  for (int x = 0; x < 6; ++x) units(x, 0) = units(x, 5) = 65535;
+  ASSERT_THAT(WritePng16(Path("depth/000001.png"), units), IsOk());
+  const auto folder = SequenceFolder::Open(dir());
+  ASSERT_THAT(folder, IsOk());
+  EXPECT_EQ((*(*folder)->Depth(1))(2, 0), 0.0F);
+  EXPECT_GT((*(*folder)->Depth(1))(7, 0), 1.0F);
+  const auto said = ElementsAre(AllOf(HasSubstr("12 %"), HasSubstr("2 depth frames"), HasSubstr("65535")));
+  EXPECT_THAT((*folder)->Warnings(1), said);
+  const auto check = CheckSequenceFolder(dir());
+  ASSERT_THAT(check, IsOk());
+  EXPECT_TRUE(check->ok());
+  EXPECT_THAT(check->warnings, said);
+  EXPECT_NEAR(check->median_depth_m, 1.07, 0.02);
+}
+
+TEST_F(SequenceFolderTest, WarnsOfAnOddCamera) {
+  WriteCamera("cx", 45.5);
+  WriteCamera("distortion", nlohmann::json::array({0.1, 0.2}));
+  EXPECT_THAT((*SequenceFolder::Open(dir()))->Warnings(1), ElementsAre(HasSubstr("\"distortion\"")));
+  WriteCamera("cx", 45.5);
+  EXPECT_THAT(CheckSequenceFolder(dir())->warnings, ElementsAre(HasSubstr("cx = 45.5")));
+}
+
+TEST_F(SequenceFolderTest, NamesDepthOfOtherFormats) {
+  Put(Path("depth/000000.png"), std::string("II*\0\x08\0\0\0", 8));
+  ExpectViolation("depth/000000.png", StatusCode::kInvalidArgument,
+                  AllOf(HasSubstr("is a TIFF image"), HasSubstr("16-bit grey PNG")), /*found_by_open=*/false);
+}
+
+TEST_F(SequenceFolderTest, SaysWhatElseIsThere) {
+  for (const char* name : {"rgb.txt", "depth.txt"}) std::filesystem::remove(Path(name));
+  EXPECT_THAT(SequenceFolder::Open(dir()),
+              HasStatus(StatusCode::kNotFound,
+                        AllOf(HasSubstr("rgb.txt: missing"), HasSubstr("rgb/ with 4 images and depth/ with 2"),
+                              HasSubstr("depth.txt: missing"))));
 }
 
 TEST_F(SequenceFolderTest, RefusesToLeaveTheFolder) {
@@ -283,18 +353,8 @@ TEST_F(SequenceFolderTest, WarnsOfImplausibleDepthScale) {
   ASSERT_THAT(check, IsOk());
   EXPECT_TRUE(check->ok());
   ASSERT_EQ(check->warnings.size(), 1U);
-  EXPECT_THAT(check->warnings[0],
-              AllOf(HasSubstr("depth_scale = 1 is implausible"), HasSubstr("1000 units per metre")));
-}
-
-TEST(ImplausibleDepthScale, SaysWhichWouldDo) {
-  EXPECT_EQ(ImplausibleDepthScale(1.5, 1000), std::nullopt);
-  EXPECT_EQ(ImplausibleDepthScale(0, 1000), std::nullopt);
-  // 15000 units: 15 m at 1000 is too far to be proposed, 3 m at 5000 is not.
-  EXPECT_THAT(*ImplausibleDepthScale(15000, 1),
-              AllOf(HasSubstr("1.5e+04 m"), HasSubstr("5000 units"), HasSubstr("3 m")));
-  EXPECT_THAT(*ImplausibleDepthScale(0.015, 100000), HasSubstr("1000 units per metre would make it 1.5 m"));
-  EXPECT_THAT(*ImplausibleDepthScale(0.001, 1000), HasSubstr("check how many units"));
+  EXPECT_THAT(check->warnings[0], AllOf(HasSubstr("depth_scale = 1 is implausible"),
+                                        HasSubstr("1000 (median 5.4 m), 4000 (median 1.35 m)")));
 }
 
 TEST_F(SequenceFolderTest, TruthIsFoundByTheColorsStem) {

@@ -32,6 +32,8 @@ TEST(JobOptions, TheSameOrderHasTheSameText) {
             Canonical(JobKind::kUpsample, R"({"method": "ours", "preset": "fast"})"));
   EXPECT_EQ(Canonical(JobKind::kSceneFlow, R"({"formats": ["kitti", "npz", "kitti"], "baseline_m": 1})"),
             Canonical(JobKind::kSceneFlow, R"({"formats": ["kitti"], "baseline_m": 1.0})"));
+  EXPECT_EQ(Canonical(JobKind::kUpsample, R"({"without": ["median", "settle", "median"]})"),
+            Canonical(JobKind::kUpsample, R"({"without": ["median", "settle"]})"));
 }
 
 TEST(JobOptions, ErrorsNameThePathTheClientKnows) {

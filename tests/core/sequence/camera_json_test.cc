@@ -69,6 +69,29 @@ TEST(CameraJson, NamesTheFieldAtFault) {
   refused("{\"\xff\": 1}", HasSubstr("not JSON"));
 }
 
+// What has no effect is named, lest anybody believe that it has.
+TEST(CameraJson, NamesFieldsThatItIgnores) {
+  EXPECT_THAT(ParseCameraJson(kGood)->warnings, testing::ElementsAre(HasSubstr("ignored: \"comment\"")));
+  EXPECT_THAT(ParseCameraJson(FormatCameraJson(SmallCamera(), 1000))->warnings, testing::IsEmpty());
+  for (const char* name : {"distortion", "dist_coeffs", "D", "k4"}) {
+    const auto file = ParseCameraJson(With("comment", name));
+    ASSERT_THAT(file, IsOk());
+    EXPECT_THAT(file->warnings, testing::ElementsAre(AllOf(HasSubstr(std::string("\"") + name + "\""),
+                                                           HasSubstr("k1, k2, p1, p2, k3"))));
+  }
+  std::string many = "{";
+  for (int i = 0; i < 20; ++i) many += "\"field" + std::to_string(i) + "\": 0, ";
+  many += std::string(kGood).substr(1);
+  EXPECT_THAT(ParseCameraJson(many)->warnings, testing::ElementsAre(HasSubstr("and 13 more")));
+}
+
+TEST(CameraJson, SkipsAByteOrderMark) {
+  const auto file = ParseCameraJson(std::string("\xEF\xBB\xBF") + kGood);
+  ASSERT_THAT(file, IsOk());
+  EXPECT_EQ(file->camera.fx, 517.3);
+  EXPECT_THAT(ParseCameraJson("\xFF\xFE{"), HasStatus(StatusCode::kInvalidArgument, HasSubstr("UTF-16")));
+}
+
 TEST(CameraJson, RefusesDepthCamera) {
   EXPECT_THAT(
       ParseCameraJson(With("\"comment\": \"TUM fr1\"", "\"depth_camera\": {\"width\": 1}")),

@@ -31,7 +31,6 @@ TEST(ParseSeconds, IsExactToTheNanosecond) {
 TEST(Validate, NamesWhatIsWrongAndHowToMendIt) {
   EXPECT_TRUE(Validate(Clip({0, 1, 2}, {0, 2})).ok());
   EXPECT_THAT(Validate(Clip({0, 2, 1}, {0, 2})).message(), HasSubstr("rgb/1.png"));
-  EXPECT_THAT(Validate(Clip({0, 1}, {5, 6})).message(), HasSubstr("do not overlap"));
   EXPECT_THAT(Validate(Clip({0, 1}, {})).message(), HasSubstr("depth.txt lists no frames"));
   Sequence s = Clip({0, 1}, {0, 1});
   s.camera.fx = 0;
@@ -41,6 +40,19 @@ TEST(Validate, NamesWhatIsWrongAndHowToMendIt) {
   s.camera.fx = 60;
   s.depth_scale = 0;
   EXPECT_THAT(Validate(s).message(), HasSubstr("depth_scale"));
+}
+
+// A clock may bring any two streams together, so it is no fault of the sequence; the message has the clock that would.
+TEST(CheckOverlap, NamesTheClockByWhichFirstFramesMeet) {
+  const int64_t s = 1'000'000'000;
+  EXPECT_TRUE(Validate(Clip({0, s}, {600 * s, 601 * s})).ok());
+  EXPECT_THAT(std::string(CheckOverlap(Clip({0, s}, {600 * s, 601 * s})).message()),
+              ::testing::AllOf(HasSubstr("do not overlap"), HasSubstr("--clock=600000.000")));
+  EXPECT_THAT(std::string(CheckOverlap(Clip({10 * s, 11 * s}, {0, s})).message()), HasSubstr("--clock=-10000.000"));
+  // Ten seconds have been taken off already.
+  EXPECT_THAT(std::string(CheckOverlap(Clip({0, s}, {5 * s, 6 * s}), 10'000).message()), HasSubstr("=15000.000"));
+  EXPECT_TRUE(CheckOverlap(Clip({0, s}, {s, 2 * s})).ok());
+  EXPECT_TRUE(CheckOverlap(Clip({s, 2 * s}, {0, s})).ok());
 }
 
 // By definition every colour frame is in exactly one interval, in order, whatever the stamps.

@@ -7,6 +7,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/core/capture/moving_discs.h"
 
 namespace depthtween {
 namespace {
@@ -93,6 +94,29 @@ TEST(DecideClock, KeepsStampsWithoutAnEstimateToTrust) {
   EXPECT_EQ(DecideClock(recording, *ParseClockChoice("index"), 1)->color_per_depth, 2);
   EXPECT_EQ(DecideClock(recording, *ParseClockChoice("4,5"), 1)->model.offset_ns, 4e6);
   EXPECT_FALSE(DecideClock(recording, *ParseClockChoice("stamps"), 1)->estimate.has_value());
+}
+
+// Ten minutes apart and 4 ms: what the discs show is known, and the estimate is of both together.
+TEST(EstimateAnyClock, BridgesClocksThatDoNotMeet) {
+  const MovingDiscs apart({.offset_ms = 600'004.0});
+  const auto estimate = EstimateAnyClock(apart, {.max_keys = 24, .threads = 2});
+  ASSERT_TRUE(estimate.ok()) << estimate.status();
+  ASSERT_EQ(estimate->reason, "");
+  EXPECT_NEAR(1e-6 * estimate->model.offset_ns, 600'004.0, 0.5);
+}
+
+// Where nothing can be told, first frames meet, and the reason stays.
+TEST(EstimateAnyClock, BringsFirstFramesTogetherAtLeast) {
+  Sequence sequence = Recording().sequence();
+  std::vector<Image<Rgb8>> color(9);
+  std::vector<Image<float>> depth_m(5);
+  for (FrameRef& frame : sequence.depth) frame.time_ns += 600'000'000'000;
+  const MemorySource apart(std::move(sequence), std::move(color), std::move(depth_m));
+  const auto clock = DecideClock(apart, *ParseClockChoice("estimate"), 1);
+  ASSERT_TRUE(clock.ok()) << clock.status();
+  EXPECT_THAT(clock->estimate->reason, HasSubstr("too few"));
+  EXPECT_EQ(clock->model.ColorTime(apart.sequence().depth[0].time_ns), 0);
+  EXPECT_TRUE(CheckOverlap(InputOf(apart.sequence(), *clock, 1)).ok());
 }
 
 }  // namespace

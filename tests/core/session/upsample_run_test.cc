@@ -10,6 +10,7 @@
 #include "core/api/make_upsampler.h"
 #include "core/options/job_options.h"
 #include "core/options/scene_flow_options.h"
+#include "core/sequence/retold_source.h"
 #include "core/session/scene_flow_files.h"
 #include "tests/core/tools/tool_process.h"
 #include "tests/support/temporary_folder.h"
@@ -128,6 +129,52 @@ TEST(ClipPlan, CarriesItsClock) {
   const auto by_index = PrepareClip(*source, {.clock = "index"});
   ASSERT_TRUE(by_index.ok()) << by_index.status();
   EXPECT_EQ(by_index->clock.color_per_depth, 4);
+}
+
+// The same recording with depth ten minutes late: every way to give the clock works, and without one it is named.
+TEST(PrepareClip, AppliesTheClockBeforeItAsksForOverlap) {
+  const auto source = TinySource();
+  Sequence late = source->sequence();
+  for (FrameRef& frame : late.depth) frame.time_ns += 600'000'000'000;
+  const RetoldSource recording(*source, std::move(late));
+  EXPECT_THAT(std::string(PrepareClip(recording, {}).status().message()), HasSubstr("--clock=600000.000"));
+  for (const char* clock : {"600000", "index", "estimate"}) {
+    const auto plan = PrepareClip(recording, {.clock = clock});
+    ASSERT_TRUE(plan.ok()) << plan.status();
+    EXPECT_EQ(plan->intervals.size(), 3U) << clock;
+  }
+  EXPECT_THAT(PrepareClip(recording, {.clock = "estimate"})->constants.warnings,
+              ElementsAre(testing::AllOf(HasSubstr("600000.000 ms"), HasSubstr("is a guess"))));
+}
+
+// Two frames held at the end are usual; eight of eleven are not, whichever end they are at.
+TEST(PrepareClip, SaysHowManyFramesAreHeld) {
+  const auto source = TinySource();
+  EXPECT_THAT(PrepareClip(*source, {})->constants.warnings, testing::IsEmpty());
+  EXPECT_THAT(PrepareClip(*source, {.clock = "-32"})->constants.warnings,
+              ElementsAre(testing::AllOf(HasSubstr("8 of 11 frames are held"), HasSubstr("8 before the first"),
+                                         HasSubstr("--clock"))));
+  EXPECT_THAT(PrepareClip(*source, {.clock = "24"})->constants.warnings,
+              ElementsAre(HasSubstr("0 before the first depth frame and 8 after the last")));
+}
+
+// What a source says of its reading stands first; a scale that cannot be right has its alternatives.
+TEST(PrepareClip, PassesOnWhatWasAssumed) {
+  class Talkative : public MemorySource {
+   public:
+    using MemorySource::MemorySource;
+    std::vector<std::string> Warnings(int) const override { return {"assumed"}; }
+  };
+  Sequence sequence = TinySource()->sequence();
+  std::vector<Image<Rgb8>> color;
+  std::vector<Image<float>> depth_m;
+  for (size_t i = 0; i < sequence.color.size(); ++i) color.emplace_back(8, 6);
+  for (size_t i = 0; i < sequence.depth.size(); ++i) depth_m.emplace_back(8, 6, 31.0F);
+  const auto plan = PrepareClip(Talkative(std::move(sequence), std::move(color), std::move(depth_m)), {});
+  ASSERT_TRUE(plan.ok()) << plan.status();
+  EXPECT_THAT(plan->constants.warnings, ElementsAre("assumed", testing::AllOf(HasSubstr("camera.depth_scale = 1000"),
+                                                                              HasSubstr("5000 (median 6.2 m)"),
+                                                                              HasSubstr("10000 (median 3.1 m)"))));
 }
 
 TEST(ClipPlan, BelongsToOneSequence) {

@@ -11,6 +11,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/io/file.h"
+#include "core/io/frame_list.h"
 #include "core/io/result_folder.h"
 #include "core/sandbox/sandbox.h"
 #include "tests/core/tools/tool_process.h"
@@ -108,6 +109,41 @@ TEST(UpsampleCommand, ReportsWhatItDid) {
   for (const char* field : {"seconds", "stages", "constants", "warnings", "versions", "terminations"})
     EXPECT_TRUE(report.contains(field)) << field;
   EXPECT_FALSE(fs::exists(scratch / "out/rgb")) << "colour is not copied";
+}
+
+// A recording whose depth clock is ten minutes ahead and whose lists are in milliseconds is the same recording, once
+// told: the same depth, and the same pictures from it.
+TEST(UpsampleCommand, ClocksAndUnitsChangeNoDepth) {
+  const TemporaryFolder scratch;
+  const std::string recording = scratch / "recording", other = scratch / "other";
+  WriteTinyRecording(recording, 32, 24, 12);
+  fs::copy(recording, other, fs::copy_options::recursive);
+  const auto rewrite = [&](const std::string& name, int64_t later_ns) {
+    std::string text;
+    for (const FrameRef& frame : ParseFrameList(ReadFile(recording + "/" + name).value()).frames)
+      text += absl::StrFormat("%.6f %s\n", 1e-6 * static_cast<double>(frame.time_ns + later_ns), frame.path);
+    EXPECT_EQ(WriteFile(other + "/" + name, text), absl::OkStatus());
+  };
+  rewrite("rgb.txt", 0);
+  rewrite("depth.txt", 600'000'000'000);
+  ASSERT_EQ(RunTool({"upsample", recording, "-o", scratch / "out", "--preset", "fast"}).exit_code, 0);
+  const ToolResult refused = RunTool({"upsample", other, "-o", scratch / "none", "--preset", "fast"});
+  EXPECT_NE(refused.exit_code, 0);
+  // The first depth frame is two colour frames, of 1/240 s, later than the first colour frame.
+  EXPECT_THAT(refused.err, HasSubstr("--clock=600008.333"));
+  const ToolResult run =
+      RunTool({"upsample", other, "-o", scratch / "other_out", "--preset", "fast", "--clock", "600000"});
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_THAT(run.err, HasSubstr("warning: rgb.txt: its time stamps are taken for milliseconds"));
+  EXPECT_EQ(FrameFiles(scratch / "other_out"), FrameFiles(scratch / "out"));
+  const auto render = [&](const std::string& from, const std::string& to, std::vector<std::string> more) {
+    more.insert(more.begin(), {"render", from, "-o", to, "--dof", "--focus-depth", "1"});
+    const ToolResult rendered = RunTool(more);
+    EXPECT_EQ(rendered.exit_code, 0) << rendered.err;
+    return FilesBelow(to);
+  };
+  EXPECT_EQ(render(other, scratch / "other_dof", {"--preset", "fast", "--clock", "600000"}),
+            render(recording, scratch / "dof", {"--preset", "fast"}));
 }
 
 // What was asked for must reach the pipeline: without the median the bits are others, and the report says so.

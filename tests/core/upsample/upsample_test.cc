@@ -57,6 +57,31 @@ struct Slide {
   }
 };
 
+// A textured card, 0.9 m wide, that comes straight towards the camera before a textured wall (4 m).
+struct ApproachingCard {
+  double from_m = 2.0, speed_mps = 0;
+  double At(double t) const { return from_m - speed_mps * t; }
+  bool OnCard(int x, int y, double t) const { return std::hypot((x - 47.5) * At(t), (y - 35.5) * At(t)) < 0.45 * 90; }
+  MemorySource Source(const std::vector<double>& color_s, const std::vector<double>& depth_s) const {
+    std::vector<Image<Rgb8>> color;
+    std::vector<Image<float>> depth;
+    for (const double t : color_s) {
+      Image<Rgb8>& image = color.emplace_back(kWidth, kHeight);
+      for (int y = 0; y < kHeight; ++y)
+        for (int x = 0; x < kWidth; ++x) {
+          const Rgb8 card = Texture((x - 47.5) * At(t) * 0.7 + 300, (y - 35.5) * At(t) * 0.7 + 200);
+          image(x, y) = OnCard(x, y, t) ? Rgb8{card.b, card.r, 30} : Texture(x, y);
+        }
+    }
+    for (const double t : depth_s) {
+      Image<float>& image = depth.emplace_back(kWidth, kHeight);
+      for (int y = 0; y < kHeight; ++y)
+        for (int x = 0; x < kWidth; ++x) image(x, y) = OnCard(x, y, t) ? static_cast<float>(At(t)) : 4.0F;
+    }
+    return MemorySource(Clip(color_s, depth_s), std::move(color), std::move(depth));
+  }
+};
+
 std::vector<DepthResult> RunAll(const FrameSource& source, const RunContext& context = {},
                                 const std::string& preset = "balanced") {
   std::vector<DepthResult> results;
@@ -141,6 +166,22 @@ TEST(Fuse, TakesTheBetterMatchWhereNeighboursDoNotMove) {
   EXPECT_EQ(wall.FusedDepth()(30, 30), 2.0F);
 }
 
+// A wall that goes from 2 m to 1.5 m is one surface if it is seen to grow by as much, and two if it is not.
+TEST(Fuse, FollowsASurfaceThatGrowsAsItComesNearer) {
+  WallBetweenKeys wall(-0.5F);
+  EXPECT_EQ(wall.FusedDepth()(30, 30), 2.0F);
+  const auto grow = [&wall](int side, float ratio) {
+    for (int y = 0; y < WallBetweenKeys::kSide; ++y)
+      for (int x = 0; x < WallBetweenKeys::kSide; ++x)
+        wall.choice.sides[side].motion(x, y) = {(ratio - 1) * static_cast<float>(x - 30),
+                                                (ratio - 1) * static_cast<float>(y - 30)};
+  };
+  grow(0, 1.75F / 2.0F), grow(1, 1.75F / 1.5F);
+  EXPECT_NEAR(wall.FusedDepth()(30, 30), 1.75F, 1e-3F);
+  grow(1, 1.75F / 2.0F);
+  EXPECT_EQ(wall.FusedDepth()(30, 30), 2.0F);
+}
+
 // Two keys' answers about a wall that comes nearer by 3 cm, each with noise: the motion counts for nothing, the noise
 // does, and the more of it the recording has. On top, what one pixel's answers differ by beyond that, and that one key
 // or none saw it.
@@ -148,7 +189,8 @@ TEST(PredictSigma, GrowsWithWhatSpeaksAgainstADepth) {
   const auto sigma_with = [](float noise_m) {
     const auto filled = [](auto value) { return Image(60, 40, value); };
     const Image<float> depth = filled(2.0F);
-    Fused fused{depth.Clone(), filled(-0.03F), filled(1.0F), filled(Provenance::kBoth), filled(uint8_t{0})};
+    Fused fused{depth.Clone(),      filled(-0.03F),    filled(1.0F), filled(Provenance::kBoth),
+                filled(uint8_t{0}), filled(uint8_t{0})};
     std::mt19937 random(2);
     for (size_t p = 0; p < fused.change_m.pixel_count(); ++p)
       fused.change_m.data()[p] += std::normal_distribution<float>(0, noise_m)(random);
@@ -175,7 +217,8 @@ TEST(PredictSigma, IsTheStepAtASilhouetteAndTheNoiseWhereNothingElseTells) {
   for (int y = 0; y < 40; ++y)
     for (int x = 20; x < 40; ++x) depth(x, y) = 3.0F;
   const auto filled = [](auto value) { return Image(40, 40, value); };
-  const Fused fused{depth.Clone(), filled(0.0F), filled(1.0F), filled(Provenance::kBoth), filled(uint8_t{0})};
+  const Fused fused{depth.Clone(),      filled(0.0F),      filled(1.0F), filled(Provenance::kBoth),
+                    filled(uint8_t{0}), filled(uint8_t{0})};
   const DepthNoise noise;
   const Image<float> sigma = PredictSigma(depth, fused, noise, kBetweenKeys, 1);
   EXPECT_GT(sigma(19, 20), 0.1F);
@@ -289,6 +332,26 @@ TEST(Pipeline, FollowsASlidingSquareInTime) {
   EXPECT_EQ(ShareWithin(results.back().depth_m, scene.Depth(0.06), 1e-6F), 1.0);
 }
 
+// A punch at 30 depth frames a second, a walk at 5: between two keys depth goes straight, however far.
+TEST(Pipeline, FollowsACardThatComesNearerOrGoesAway) {
+  std::vector<double> color;
+  for (int i = 0; i <= 8; ++i) color.push_back(i / 240.0);
+  for (const double change_m : {0.2, 0.34, 0.5, 0.7, -0.34, -0.6}) {
+    const ApproachingCard scene{.from_m = change_m > 0 ? 2.0 : 1.5, .speed_mps = change_m * 30};
+    for (const DepthResult& frame : RunAll(scene.Source(color, {0, color.back()}), {}, "fast")) {
+      const double t = color[static_cast<size_t>(frame.color_index)];
+      int on = 0, good = 0;
+      for (int y = 0; y < kHeight; ++y)
+        for (int x = 0; x < kWidth; ++x)
+          if (scene.OnCard(x, y, t)) {
+            ++on;
+            good += std::abs(frame.depth_m(x, y) - scene.At(t)) <= 0.02 * scene.At(t);
+          }
+      EXPECT_GT(good, 0.93 * on) << change_m << " m, frame " << frame.color_index;
+    }
+  }
+}
+
 // "The same bits" for any number of threads and any order of intervals is a promise of the interface.
 TEST(Pipeline, GivesTheSameBitsForAnyThreadsAndOrder) {
   const Slide scene{.speed_px = 250};
@@ -362,6 +425,25 @@ TEST(Pipeline, KnowsNothingFromEmptyKeys) {
   for (const DepthResult& r : results) {
     EXPECT_EQ(r.depth_m(10, 10), 0.0F);
     EXPECT_EQ(r.provenance(10, 10), Provenance::kNone);
+  }
+}
+
+// A depth frame that saw nothing, between two that saw a scene at rest: they tell its depth, and nothing was measured.
+TEST(Pipeline, MeasuredNothingInAFrameWithoutDepth) {
+  const Slide scene;
+  std::vector<Image<Rgb8>> color;
+  std::vector<Image<float>> depth;
+  for (int i = 0; i < 5; ++i) color.push_back(scene.Color(0));
+  for (int i = 0; i < 3; ++i) depth.push_back(i == 1 ? Image<float>(kWidth, kHeight) : scene.Depth(0));
+  const MemorySource source(Clip({0, 0.01, 0.02, 0.03, 0.04}, {0, 0.02, 0.04}), std::move(color), std::move(depth));
+  const std::vector<DepthResult> results = RunAll(source);
+  for (const DepthResult& frame : results) {
+    int measured = 0;
+    for (size_t p = 0; p < frame.provenance.pixel_count(); ++p)
+      measured += frame.provenance.data()[p] == Provenance::kMeasured;
+    const bool has_depth = frame.color_index == 0 || frame.color_index == 4;
+    EXPECT_EQ(measured, has_depth ? kWidth * kHeight : 0) << frame.color_index;
+    EXPECT_GT(ShareWithin(frame.depth_m, scene.Depth(0), 0.01F), 0.99);
   }
 }
 

@@ -3,6 +3,7 @@
 //   whole     creates an upload and sends all of it
 //   cut       creates an upload and goes away in the middle
 //   resume    goes on with UPLOAD_URL
+//   terminate creates an upload, and in the middle takes it back
 
 import fs from 'node:fs';
 import tus from 'tus-js-client';
@@ -17,6 +18,7 @@ setTimeout(() => {
 const [step, endpoint, file, path, uploadUrl] = process.argv.slice(2);
 const statuses = [];
 let firstOffset = null;
+let expires = null;
 
 const upload = new tus.Upload(fs.createReadStream(file), {
   endpoint,
@@ -29,13 +31,14 @@ const upload = new tus.Upload(fs.createReadStream(file), {
   metadata: { path },
   onAfterResponse: (request, response) => {
     statuses.push(`${request.getMethod()} ${response.getStatus()}`);
+    expires = response.getHeader('Upload-Expires') ?? expires;
     if (firstOffset === null && response.getHeader('Upload-Offset') !== undefined) {
       firstOffset = Number(response.getHeader('Upload-Offset'));
     }
   },
   onChunkComplete: (chunkBytes, acceptedBytes) => {
-    if (step === 'cut' && acceptedBytes >= 2 * CHUNK_BYTES) {
-      upload.abort(false).then(() => finish({ acceptedBytes }));
+    if ((step === 'cut' || step === 'terminate') && acceptedBytes >= 2 * CHUNK_BYTES) {
+      upload.abort(step === 'terminate').then(() => finish({ acceptedBytes }));
     }
   },
   onError: (error) => {
@@ -46,7 +49,7 @@ const upload = new tus.Upload(fs.createReadStream(file), {
 });
 
 function finish(more) {
-  console.log(JSON.stringify({ url: upload.url, statuses, firstOffset, ...more }));
+  console.log(JSON.stringify({ url: upload.url, statuses, firstOffset, expires, ...more }));
   process.exit(0);
 }
 

@@ -17,22 +17,37 @@ TEST(CallMetadata, OnlyWhatTheGuardAndTheLogNeed) {
   const std::string trace = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
   HttpRequest request{.query = {{"signature", "abc.def"}},
                       .headers = {{"Authorization", "Bearer s3cret"},
-                                  {"Traceparent", trace},
+                                  {"Traceparent", "the client's own, which was looked at before"},
                                   {"Cookie", "a=b"},
                                   {"depthtween-peer", "10.0.0.1:1"},
                                   {"depthtween-link", "forged"},
                                   {"grpc-timeout", "1n"}},
                       .peer = "127.0.0.1:4711",
-                      .request_id = "abc"};
+                      .request_id = "abc",
+                      .traceparent = trace};
   EXPECT_THAT(
       CallMetadata(request),
       ElementsAre(Pair("authorization", "Bearer s3cret"), Pair("depthtween-link", "abc.def"),
                   Pair("depthtween-peer", "127.0.0.1:4711"), Pair("traceparent", trace), Pair("x-request-id", "abc")));
-  // What gRPC would refuse as metadata, or nobody could read as a trace, is not passed on.
+  // What gRPC would refuse as metadata is not passed on.
   request.query = {{"signature", "a\nb"}};
-  request.headers = {{"Authorization", "\xff"}, {"traceparent", "00-short"}};
+  request.headers = {{"Authorization", "\xff"}};
+  request.traceparent.clear();
   EXPECT_THAT(CallMetadata(request),
               ElementsAre(Pair("depthtween-peer", "127.0.0.1:4711"), Pair("x-request-id", "abc")));
+}
+
+// By the grammar in gRPC's PROTOCOL-HTTP2.
+TEST(GrpcTimeout, IsANumberAndAUnit) {
+  EXPECT_EQ(ParseGrpcTimeout("10S"), absl::Seconds(10));
+  EXPECT_EQ(ParseGrpcTimeout("99999999H"), absl::Hours(99'999'999));
+  EXPECT_EQ(ParseGrpcTimeout("2M"), absl::Minutes(2));
+  EXPECT_EQ(ParseGrpcTimeout("0m"), absl::ZeroDuration());
+  EXPECT_EQ(ParseGrpcTimeout("7u"), absl::Microseconds(7));
+  EXPECT_EQ(ParseGrpcTimeout("7n"), absl::Nanoseconds(7));
+  for (const char* bad : {"", "S", "10", "10s", "-1S", "1.5S", "123456789S", " 1S", "1SS"}) {
+    EXPECT_EQ(ParseGrpcTimeout(bad), std::nullopt) << bad;
+  }
 }
 
 class CallsTest : public RpcTest {
@@ -77,6 +92,24 @@ TEST_F(CallsTest, ClientStreaming) {
     co_return co_await call.Finish();
   };
   EXPECT_FALSE(RunToEnd(context, write()).ok());
+}
+
+// A stream that would go on for ever ends when its time is over.
+TEST_F(CallsTest, TheClientsDeadlineHolds) {
+  RpcChannel rpc(channel());
+  const std::string job = CreateJob(ReadySequence("wait_at 1")).name();
+  FakeExchange exchange(context, {.headers = {{"grpc-timeout", "300m"}}, .request_id = "abc"});
+  const auto watch = [&]() -> boost::asio::awaitable<grpc::Status> {
+    RpcCall call(rpc, exchange, "/depthtween.v1.JobService/WatchJob");
+    v1::WatchJobRequest request;
+    request.set_name(job);
+    (void)co_await call.WriteLast(request);
+    v1::JobEvent event;
+    bool more = true;
+    while (more) more = co_await call.Read(&event);
+    co_return co_await call.Finish();
+  };
+  EXPECT_EQ(RunToEnd(context, watch()).error_code(), grpc::DEADLINE_EXCEEDED);
 }
 
 // Messages come in order; ReadWithin says that there is none yet; a client that goes ends the call.

@@ -64,5 +64,26 @@ TEST(Cors, WhatAnOriginIs) {
   }
 }
 
+// A name that leads here by DNS is not one of ours, whatever its address.
+TEST(Hosts, AreThoseOfTheList) {
+  const std::vector<std::string> hosts = {"localhost", "127.0.0.1", "[::1]"};
+  const auto allowed = [&hosts](const std::string& host) {
+    HttpRequest request;
+    request.headers = {{"Host", host}};
+    return IsAllowedHost(hosts, request);
+  };
+  for (const char* good : {"localhost", "LOCALHOST:80", "127.0.0.1:8080", "[::1]", "[::1]:8080"}) {
+    EXPECT_TRUE(allowed(good)) << good;
+  }
+  for (const char* bad : {"evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.2", "::1", "[::2]:80",
+                          "[", "localhost@evil.example"}) {
+    EXPECT_FALSE(allowed(bad)) << bad;
+  }
+  EXPECT_TRUE(IsAllowedHost(hosts, HttpRequest())) << "HTTP/1.0";
+  HttpRequest anything;
+  anything.headers = {{"Host", "evil.example"}};
+  EXPECT_TRUE(IsAllowedHost({}, anything));
+}
+
 }  // namespace
 }  // namespace depthtween::server

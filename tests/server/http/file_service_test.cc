@@ -30,7 +30,7 @@ TEST_F(FileServiceTest, EveryRouteIsThere) {
   EXPECT_THAT(Methods("v1/jobs/j/outputs/depth.zip"), ElementsAre("GET", "HEAD", "OPTIONS"));
   EXPECT_THAT(Methods("v1/jobs/j/outputs/report:download"), ElementsAre("GET", "HEAD", "OPTIONS"));
   EXPECT_THAT(Methods("v1/sequences/s/uploads:tus"), ElementsAre("OPTIONS", "POST"));
-  EXPECT_THAT(Methods("v1/sequences/s/uploads/u:tus"), ElementsAre("HEAD", "OPTIONS", "PATCH", "POST"));
+  EXPECT_THAT(Methods("v1/sequences/s/uploads/u:tus"), ElementsAre("DELETE", "HEAD", "OPTIONS", "PATCH", "POST"));
   EXPECT_THAT(Methods("v1/sequences/s/uploads/u"), ElementsAre("OPTIONS", "PUT"));
   EXPECT_THAT(Methods("v1/sequences/s/uploads"), ElementsAre());
 }

@@ -58,10 +58,14 @@ class GrpcWebTest : public RpcTest {
  protected:
   // The frames of an answer: flags and bytes.
   std::vector<std::pair<int, std::string>> Call(const std::string& path, const google::protobuf::Message& request,
-                                                const GrpcWebForm& form) {
+                                                const GrpcWebForm& form, const std::string& more_headers = "") {
+    return Call(path, request.SerializeAsString(), form, more_headers);
+  }
+  std::vector<std::pair<int, std::string>> Call(const std::string& path, const std::string& request,
+                                                const GrpcWebForm& form, const std::string& more_headers = "") {
     if (http_ == nullptr) http_ = *HttpServer::Start({.listen = "127.0.0.1:0", .threads = 2}, channel());
-    const RawAnswer answer = PostOnce(http_->port(), path, GrpcWebMessage(form, request.SerializeAsString()),
-                                      "Content-Type: " + form.content_type + "\r\nX-Grpc-Web: 1\r\n");
+    const RawAnswer answer = PostOnce(http_->port(), path, GrpcWebMessage(form, request),
+                                      "Content-Type: " + form.content_type + "\r\nX-Grpc-Web: 1\r\n" + more_headers);
     EXPECT_EQ(answer.status, 200);
     EXPECT_EQ(answer.Header("Content-Type"), form.content_type);
     std::string bytes = form.text ? DecodeBase64Pieces(answer.body).value_or("") : answer.body;
@@ -107,6 +111,26 @@ TEST_F(GrpcWebTest, UnaryAndServerStreaming) {
   }
   EXPECT_EQ(PostOnce(http_->port(), "/depthtween.v1.JobService/GetJob", "x").status, 415);
   EXPECT_EQ(PostOnce(http_->port(), "/depthtween.v1.SequenceService/WriteUpload", "x").status, 405);
+}
+
+TEST_F(GrpcWebTest, UndecodableMessages) {
+  for (const char* method : {"/depthtween.v1.SequenceService/GetSequence", "/depthtween.v1.JobService/WatchJob"}) {
+    const auto frames = Call(method, std::string("\xff\xff\xff"), binary_form);
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_THAT(frames[0].second, HasSubstr("grpc-status:3\r\ngrpc-message:the request cannot be decoded"));
+  }
+}
+
+// The status of a call whose time was over is in the trailers, as gRPC's is.
+TEST_F(GrpcWebTest, TimeoutsAreKept) {
+  v1::WatchJobRequest watch;
+  watch.set_name(CreateJob(ReadySequence("wait_at 1")).name());
+  const auto ended = Call("/depthtween.v1.JobService/WatchJob", watch, binary_form, "grpc-timeout: 300m\r\n");
+  ASSERT_FALSE(ended.empty());
+  EXPECT_THAT(ended.back().second, HasSubstr("grpc-status:4\r\n"));
+  const auto malformed = Call("/depthtween.v1.JobService/WatchJob", watch, binary_form, "grpc-timeout: soon\r\n");
+  ASSERT_EQ(malformed.size(), 1U);
+  EXPECT_THAT(malformed[0].second, HasSubstr("grpc-status:3\r\n"));
 }
 
 }  // namespace

@@ -374,6 +374,28 @@ TEST_F(HttpServerTest, CorsOnlyForAllowedOrigins) {
   EXPECT_EQ(preflight("https://evil.example").status, 403);
 }
 
+TEST_F(HttpServerTest, OnlyHostsOfTheListAreAnswered) {
+  options.allowed_hosts = {"localhost", "127.0.0.1"};
+  const auto status_for = [this](const std::string& host) {
+    RawClient client(port());
+    client.Send(absl::StrCat("GET /healthz HTTP/1.1\r\nHost: ", host, "\r\n\r\n"));
+    return client.ReadAnswer().status;
+  };
+  EXPECT_EQ(status_for(absl::StrCat("localhost:", port())), 200);
+  EXPECT_EQ(status_for("127.0.0.1"), 200);
+  EXPECT_EQ(status_for("rebound.example"), 403);
+}
+
+// https://www.w3.org/TR/trace-context/
+TEST_F(HttpServerTest, ATraceIsContinuedOrBegun) {
+  const RawAnswer traced =
+      GetOnce(port(), "/healthz", "traceparent: 00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01\r\n");
+  EXPECT_THAT(traced.Header("traceparent"),
+              testing::MatchesRegex("00-0af7651916cd43dd8448eb211c80319c-[0-9a-f]{16}-01"));
+  EXPECT_THAT(GetOnce(port(), "/healthz").Header("traceparent"),
+              testing::MatchesRegex("00-[0-9a-f]{32}-[0-9a-f]{16}-00"));
+}
+
 TEST(HttpServerOptions, ExplainWhatIsWrong) {
   EXPECT_TRUE(HttpServerOptions().Validate().ok());
   EXPECT_THAT(std::string(HttpServerOptions{.listen = "unix:/x"}.Validate().message()), HasSubstr("HOST:PORT"));

@@ -30,6 +30,19 @@ TEST(UploadMetadata, RefusesWhatIsNotPairs) {
   }
 }
 
+// It is answered as a header later.
+TEST(UploadMetadata, IsPrintable) {
+  for (const char* bad : {"\xff", "a\tYQ==", "a YQ==,b\x7f"}) {
+    EXPECT_THAT(ParseUploadMetadata(bad), HasStatus(absl::StatusCode::kInvalidArgument, HasSubstr("Upload-Metadata")));
+  }
+}
+
+// The example of the protocol, section "Expiration".
+TEST(TusTime, IsADateOfHttp) {
+  EXPECT_EQ(TusTime(absl::FromCivil(absl::CivilSecond(2014, 6, 25, 16, 0, 0), absl::UTCTimeZone())),
+            "Wed, 25 Jun 2014 16:00:00 GMT");
+}
+
 TEST(TusFile, TakesPathHashAndId) {
   const std::string hash(32, '\x1F');
   const auto file = ReadTusFile("filename " + Base64("x.png") + ",path " + Base64("rgb/1.png") + ",sha256 " +

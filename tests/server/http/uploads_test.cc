@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -192,7 +193,7 @@ TEST_F(UploadsTest, TusTellsWhatItIs) {
   const auto options = Send("OPTIONS", "v1/sequences/s/uploads:tus", {});
   EXPECT_EQ(options->status, 204);
   EXPECT_EQ(options->HeaderOf("tus-version"), "1.0.0");
-  EXPECT_THAT(options->HeaderOf("tus-extension"), HasSubstr("creation"));
+  EXPECT_EQ(options->HeaderOf("tus-extension"), "creation,creation-with-upload,checksum,expiration,termination");
   EXPECT_THAT(options->HeaderOf("tus-checksum-algorithm"), HasSubstr("sha1"));
   for (const HttpHeaders& headers : {HttpHeaders(), HttpHeaders{{"Tus-Resumable", "0.2.2"}}}) {
     const auto old = Send("HEAD", "v1/sequences/s/uploads/u:tus", headers);
@@ -316,6 +317,47 @@ TEST_F(UploadsTest, TusGoesOnWithAnyUpload) {
   EXPECT_EQ(UploadAt(path).state(), v1::Upload::STATE_RECEIVING);
   EXPECT_EQ(Tus("HEAD", path, {})->HeaderOf("upload-offset"), "10");
   EXPECT_EQ(UploadAt(path).state(), v1::Upload::STATE_FINISHED);
+}
+
+// https://tus.io/protocols/resumable-upload, sections "Creation" and "Expiration".
+TEST_F(UploadsTest, TusRemembersMetadataAndSaysWhenAnUploadExpires) {
+  const v1::Sequence sequence = CreateSequence();
+  const std::string metadata = "filename " + InBase64("clip.png") + ",filetype " + InBase64("image/png") + ",flag";
+  const auto created =
+      Tus("POST", "v1/" + sequence.name() + "/uploads:tus", {{"Upload-Length", "4"}, {"Upload-Metadata", metadata}});
+  const std::string path = created->HeaderOf("location").substr(1);
+  const auto is_date = testing::MatchesRegex(
+      "[A-Z][a-z][a-z], [0-9][0-9] [A-Z][a-z][a-z] 20[0-9][0-9] "
+      "[0-9][0-9]:[0-9][0-9]:[0-9][0-9] GMT");
+  EXPECT_THAT(created->HeaderOf("upload-expires"), is_date);
+  EXPECT_EQ(created->HeaderOf("upload-expires"),
+            TusTime(absl::FromUnixSeconds(UploadAt(path).expire_time().seconds())));
+  EXPECT_THAT(Patch(path, 0, "ab")->HeaderOf("upload-expires"), is_date);
+  const auto head = Tus("HEAD", path, {});
+  EXPECT_EQ(head->HeaderOf("upload-metadata"), metadata);
+  EXPECT_THAT(head->HeaderOf("upload-expires"), is_date);
+  EXPECT_EQ(Patch(path, 2, "cd")->HeaderOf("upload-expires"), "") << "finished";
+  EXPECT_EQ(Tus("HEAD", path, {})->HeaderOf("upload-metadata"), metadata);
+}
+
+TEST_F(UploadsTest, TusTerminates) {
+  const v1::Sequence sequence = CreateSequence();
+  const std::string path = Create(sequence, "rgb/a", 4);
+  EXPECT_EQ(Patch(path, 0, "ab")->status, 204);
+  EXPECT_EQ(FileOf(sequence, "rgb/a"), "ab");
+  const auto deleted = Tus("DELETE", path, {});
+  EXPECT_EQ(deleted->status, 204);
+  EXPECT_EQ(deleted->body, "");
+  EXPECT_FALSE(std::filesystem::exists(directory().SequenceFolder(IdOf(sequence.name())) + "/rgb"));
+  EXPECT_EQ(Tus("HEAD", path, {})->status, 404);
+  EXPECT_EQ(Patch(path, 2, "cd")->status, 404);
+  EXPECT_EQ(Tus("DELETE", path, {})->status, 404);
+  const std::string again = Create(sequence, "rgb/a", 4);
+  EXPECT_EQ(Patch(again, 0, "abcd")->status, 204);
+  const auto late = Tus("POST", again, {{"X-HTTP-Method-Override", "DELETE"}});
+  EXPECT_EQ(late->status, 409);
+  EXPECT_THAT(late->body, HasSubstr("finished"));
+  EXPECT_EQ(FileOf(sequence, "rgb/a"), "abcd");
 }
 
 TEST_F(UploadsTest, TusTakesPatchInDisguise) {

@@ -48,6 +48,8 @@
 #include <sstream>
 #include <string>
 
+#include "core/launch/launch.h"
+
 namespace {
 
 std::map<std::string, std::string> options;
@@ -150,8 +152,8 @@ void Prepare(int intervals) {
 "offset_ns":4e6,"offset_sigma_ns":5e4,"drift_ppm":300,"drift_sigma_ppm":20,"stamp_sigma_ns":6e4,"row_time_ns":12000,
 "row_time_sigma_ns":-1,"keys":66,"edges":70000}})"
                                      : "";
-  WriteFile(options["--constants"],
-            R"({"constants":{},"intervals":[)" + list + R"(],"frames":[)" + frames + "]" + clock + "}");
+  WriteFile(options["--constants"], R"({"constants":{"warnings":["a warning"]},"intervals":[)" + list +
+                                        R"(],"frames":[)" + frames + "]" + clock + "}");
 }
 
 void CheckSelf() {
@@ -272,9 +274,8 @@ void RenderInterval(int interval, int intervals) {
   Tell(R"({"interval_done":)" + std::to_string(interval) + R"(,"seconds":0.5,"frames":2})");
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+// What depthtween-core does in one task.
+int RunFakeTask(int argc, const char* const* argv) {
   if (argc < 3 || strcmp(argv[1], "task") != 0) return 2;
   const std::string kind = argv[2];
   for (int i = 3; i + 1 < argc; i += 2) {
@@ -368,4 +369,14 @@ int main(int argc, char** argv) {
     WriteFile(out + "/camera.json", "{}");
   }
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc == 2 && strcmp(argv[1], depthtween::kHostCommand) == 0) {
+    depthtween::HostTasks(depthtween::kProgressFd, RunFakeTask);
+    return 0;
+  }
+  return RunFakeTask(argc, argv);
 }

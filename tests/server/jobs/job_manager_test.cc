@@ -1,8 +1,11 @@
 // Jobs from end to end with fake_core, whose log says which intervals were computed, how often and by which process.
 #include "server/jobs/job_manager.h"
 
+#include <fcntl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 
+#include <algorithm>
 #include <atomic>
 #include <map>
 #include <set>
@@ -217,7 +220,7 @@ TEST_F(JobManagerTest, FullDiskMakesTheQueueWait) {
   const SmallDisk disk("4m");
   ASSERT_TRUE(disk.mounted()) << kNeedsMount;
   OpenStores(disk.path());
-  StartJobs(1, {.min_free_bytes = 700 << 10, .full_disk_pause = absl::Milliseconds(10)});
+  StartJobs(1, {.min_free_bytes = 700 << 10, .scarcity_pause = absl::Milliseconds(10)});
   const std::string ready = ReadySequence();
   const std::string sequence = ReadySequence("wait_at 1\nfill_at 1\n");
   const std::string job = NewJobOn(sequence);
@@ -236,6 +239,35 @@ TEST_F(JobManagerTest, FullDiskMakesTheQueueWait) {
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
   for (const std::string& id : waiting) EXPECT_EQ(Ended(id).record.state, JobState::kSucceeded);
   Close();
+}
+
+// A child that finds no file descriptor left says so as often as it takes: that is no attempt of its work.
+TEST_F(JobManagerTest, WorkThatFindsNoDescriptorIsTriedUntilItDoes) {
+  OpenStores(folder_ / "data");
+  StartJobs(1, {.scarcity_pause = absl::Milliseconds(1)});
+  const std::string sequence = ReadySequence("error_at 1 UNAVAILABLE\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] { return Logged(sequence, "start").size() > 4 * kMaxAttempts; });
+  EXPECT_EQ(State(job), JobState::kRunning);
+  WriteText(directory_->SequenceFolder(sequence) + "/script", "");
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded) << View(job).record.error;
+}
+
+// The process itself has none left: nothing is begun, and everything goes on once there are some.
+TEST_F(JobManagerTest, NothingIsBegunWithoutDescriptors) {
+  Start();
+  const std::string sequence = ReadySequence();
+  rlimit limit{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &limit), 0);
+  const int next = open("/dev/null", O_RDONLY | O_CLOEXEC);  // the lowest that is free
+  close(next);
+  const rlimit few{static_cast<rlim_t>(next) + 3, limit.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &few), 0);
+  const std::string job = NewJobOn(sequence);
+  usleep(100'000);
+  EXPECT_EQ(State(job), JobState::kQueued);
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &limit), 0);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
 }
 
 // A server that starts again where nothing can be written: jobs are there to be read and deleted.
@@ -387,6 +419,75 @@ TEST_F(JobManagerTest, DrainLetsTheTaskAtWorkEndAndBeginsNoOther) {
   Start();
   EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
   EXPECT_EQ(Ended(later).record.state, JobState::kSucceeded);
+}
+
+TEST_F(JobManagerTest, WorkBeginsAgainAfterADrainThatIsTakenBack) {
+  Start();
+  const std::string sequence = ReadySequence();
+  jobs_->SetDraining(true);
+  EXPECT_TRUE(jobs_->IsDraining());
+  const std::string job = NewJobOn(sequence);
+  usleep(50'000);  // a worker would have begun by now
+  EXPECT_EQ(State(job), JobState::kQueued);
+  EXPECT_THAT(jobs_->RunningTasks(), IsEmpty());
+  jobs_->SetDraining(false);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+}
+
+TEST_F(JobManagerTest, TellsWhichTasksRun) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 0\n");
+  const std::string job = NewJobOn(sequence);
+  WaitUntil([&] {
+    const std::vector<RunningTask> tasks = jobs_->RunningTasks();
+    return tasks.size() == 1 && tasks[0].task.kind == TaskKind::kIntervals;
+  });
+  const RunningTask running = jobs_->RunningTasks().at(0);
+  EXPECT_EQ(running.task.job_id, job);
+  EXPECT_EQ(running.tenant, kTenant.name());
+  EXPECT_LE(running.start_time, absl::Now());
+  Go(sequence);
+  EXPECT_EQ(Ended(job).record.state, JobState::kSucceeded);
+}
+
+// One job runs for ever and one waits behind it: both are ended, the child with its job, and watchers hear of it.
+TEST_F(JobManagerTest, JobsBeyondTheirTimeLimitsEnd) {
+  Start();
+  const std::string sequence = ReadySequence("wait_at 0\n");
+  const std::string runs =
+      Take(jobs_->Create(kTenant, {.sequence_id = sequence, .limits = {.run = absl::Seconds(1)}}, "", false)).record.id;
+  WaitUntil([&] { return State(runs) == JobState::kRunning; });
+  const std::string waits =
+      Take(jobs_->Create(kTenant, {.sequence_id = sequence, .limits = {.queue = absl::Seconds(1)}}, "", false))
+          .record.id;
+  const auto watch = Take(jobs_->Watch(kTenant, runs, "", nullptr));
+  const JobRecord ran = Ended(runs).record, waited = Ended(waits).record;
+  EXPECT_EQ(ran.state, JobState::kFailed);
+  EXPECT_THAT(ran.error, HasReason(absl::StatusCode::kDeadlineExceeded, "TIME_LIMIT"));
+  EXPECT_GE(ran.end_time - ran.start_time, absl::Seconds(1));
+  EXPECT_THAT(waited.error, HasReason(absl::StatusCode::kDeadlineExceeded, "TIME_LIMIT"));
+  EXPECT_EQ(waited.start_time, absl::InfiniteFuture());
+  WaitUntil([&] { return jobs_->RunningTasks().empty(); });
+  JobState last = JobState::kQueued;
+  while (std::optional<JobEvent> event = watch->Next()) last = event->job.record.state;
+  EXPECT_EQ(last, JobState::kFailed);
+  // The worker is free.
+  Go(sequence);
+  EXPECT_EQ(Ended(NewJobOn(sequence)).record.state, JobState::kSucceeded);
+}
+
+TEST_F(JobManagerTest, TheServersTimeLimitIsForAll) {
+  Start(1, {.time_limits = {.run = absl::Seconds(1)}});
+  const std::string job = NewJobOn(ReadySequence("wait_at 0\n"));
+  EXPECT_THAT(Ended(job).record.error, HasReason(absl::StatusCode::kDeadlineExceeded, "TIME_LIMIT"));
+}
+
+TEST_F(JobManagerTest, AViewSaysWhenItsJobExpires) {
+  Start(1, {.retention = {.keep_succeeded = absl::Hours(5)}});
+  const std::string job = NewJobOn(ReadySequence());
+  const JobView ended = Ended(job);
+  EXPECT_EQ(ended.expire_time, ended.record.end_time + absl::Hours(5));
+  EXPECT_EQ(Take(jobs_->Pin(kTenant, job, true)).expire_time, absl::InfiniteFuture());
 }
 
 // kill -9 in the middle of a batch: what was recorded is not computed again, what was not is; and the children are
@@ -1004,14 +1105,14 @@ TEST_F(JobManagerTest, WatcherThatReconnectsGetsWhatItMissed) {
 TEST_F(JobManagerTest, WatcherInTheQueueHearsThatItMovesUp) {
   Start();
   const std::string sequence = ReadySequence("wait_at 0\n");
-  const std::string first = NewJobOn(sequence), second = NewJobOn(sequence);
+  const std::string first = NewJobOn(sequence), second = NewJobOn(sequence), third = NewJobOn(sequence);
   WaitUntil([&] { return State(first) == JobState::kRunning; });
-  Watcher watcher(*jobs_, second);
+  Watcher watcher(*jobs_, third);
+  EXPECT_EQ(watcher.Next().job.progress.queue_position, 2);
+  EXPECT_THAT(jobs_->Cancel(kTenant, second), IsOk());
   EXPECT_EQ(watcher.Next().job.progress.queue_position, 1);
-  EXPECT_THAT(jobs_->Cancel(kTenant, first), IsOk());
-  EXPECT_EQ(watcher.Next().job.progress.queue_position, 0);
   Go(sequence);
-  Ended(second);
+  Ended(third);
 }
 
 }  // namespace

@@ -48,7 +48,7 @@ class JobsFixture : public testing::Test {
     store_ = Take(OpenSqliteStore(directory_->DatabaseFile(), limits_));
     blobs_ = MakeFolderBlobStore(*directory_);
     sequences_ = std::make_unique<Sequences>(
-        *store_, *blobs_, limits_,
+        *store_, *blobs_,
         [this] {
           if (jobs_) jobs_->Wake();
         },

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "server/store/backup.h"
+#include "server/store/files.h"
 #include "server/store/sqlite.h"
 #include "tests/server/jobs/jobs_fixture.h"
 

@@ -88,9 +88,22 @@ TEST(TaskProtocol, NothingAChildSaysDoesHarm) {
   }
 }
 
+TEST(TaskProtocol, AnArchiveIsGoodOrBad) {
+  EXPECT_THAT(Take(ParseUnpacking(R"({"ok":true,"violations":[],"files":3,"bytes":5})")), testing::IsEmpty());
+  const std::string bad = R"({"file":"../x","code":"INVALID_ARGUMENT","message":"leads out of its folder"})";
+  const std::vector<FileViolation> violations = Take(ParseUnpacking(R"({"ok":false,"violations":[)" + bad + "]}"));
+  ASSERT_EQ(violations.size(), 1U);
+  EXPECT_EQ(violations[0].file, "../x");
+  EXPECT_THAT(violations[0].status, HasCode(absl::StatusCode::kInvalidArgument));
+  for (const std::string& text : {std::string(), std::string("{}"), std::string(R"({"ok":false,"violations":[]})"),
+                                  R"({"ok":true,"violations":[)" + bad + "]}"}) {
+    EXPECT_THAT(ParseUnpacking(text), HasCode(absl::StatusCode::kInternal)) << text;
+  }
+}
+
 TEST(TaskProtocol, PlansAreChecked) {
   const auto plan = [](const std::string& intervals, const std::string& frames) {
-    return ParsePlan("{\"constants\":{},\"intervals\":[" + intervals + "],\"frames\":[" + frames + "]}");
+    return ParsePlan("{\"constants\":{\"warnings\":[]},\"intervals\":[" + intervals + "],\"frames\":[" + frames + "]}");
   };
   const std::string interval = R"({"index":0,"first_frame":0,"frame_count":1,"held":true})";
   const std::string frame = R"({"index":0,"time_ns":-7,"stem":"a"})";
@@ -106,6 +119,18 @@ TEST(TaskProtocol, PlansAreChecked) {
   for (const char* stem : {"", "../x", "/etc/passwd", ".x", "a/b"}) {
     EXPECT_THAT(plan(interval, std::string(R"({"index":0,"time_ns":0,"stem":")") + stem + "\"}"), is_refused) << stem;
   }
+}
+
+TEST(TaskProtocol, APlanTellsWarnings) {
+  const auto plan = [](const std::string& warnings) {
+    return ParsePlan(R"({"intervals":[{"index":0,"first_frame":0,"frame_count":1,"held":true}],"frames":)"
+                     R"([{"index":0,"time_ns":-7,"stem":"a"}],"constants":{"warnings":)" +
+                     warnings + "}}");
+  };
+  EXPECT_THAT(Take(plan("[]")).warnings, testing::IsEmpty());
+  EXPECT_THAT(Take(plan(R"(["one", "two"])")).warnings, testing::ElementsAre("one", "two"));
+  EXPECT_THAT(plan(R"(["one", 2])"), HasCode(absl::StatusCode::kInternal));
+  EXPECT_THAT(plan("[\"" + std::string(3000, 'x') + "\"]"), HasCode(absl::StatusCode::kInternal));
 }
 
 TEST(TaskProtocol, APlanTellsTheClock) {

@@ -183,6 +183,49 @@ TEST_F(SequencesTest, UploadCutAtRandomBytesEndsWithTheSameFiles) {
   }
 }
 
+TEST_F(SequencesTest, DeletedUploadLeavesNoFiles) {
+  const UploadRecord kept = StartUpload({{"rgb/0.png", "01"}});
+  auto finished = OpenUpload(kept);
+  EXPECT_THAT(Send(*finished, 0, "01"), IsOk());
+  EXPECT_THAT(finished->Finish(), IsOk());
+  const UploadRecord upload = StartUpload({{"rgb/1.png", "23"}, {"depth/0.png", "45"}});
+  auto writer = OpenUpload(upload);
+  EXPECT_THAT(Send(*writer, 0, "234"), IsOk());
+  EXPECT_THAT(sequences_->DeleteUpload(kTenant, id_, upload.id), IsOk());
+  EXPECT_FALSE(std::filesystem::exists(directory_->SequenceFolder(id_) + "/rgb/1.png"));
+  EXPECT_FALSE(std::filesystem::exists(directory_->SequenceFolder(id_) + "/depth"));
+  // Whoever was writing it finds out, and what it had in hand makes no file.
+  EXPECT_THAT(Send(*writer, 3, "5"), HasReason(absl::StatusCode::kAborted, "TAKEN_OVER"));
+  EXPECT_THAT(writer->Close(), HasCode(absl::StatusCode::kAborted));
+  writer.reset();
+  EXPECT_THAT(sequences_->GetUpload(kTenant, id_, upload.id), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(sequences_->DeleteUpload(kTenant, id_, upload.id), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(sequences_->DeleteUpload(kTenant, id_, kept.id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_EQ(Content("rgb/0.png"), "01");
+  EXPECT_THAT(sequences_->Commit(kTenant, id_), IsOk());
+}
+
+// Killed between two steps of a deletion: the upload is at 0, whatever of its files is left, and goes on from there.
+TEST_F(SequencesTest, AnUploadWhoseDeletionWasCutOffBeginsAnew) {
+  for (const bool removed : {false, true}) {
+    const std::string path = removed ? "a/1" : "a/0";
+    all_.clear();
+    const UploadRecord upload = StartUpload({{path, "0123"}});
+    EXPECT_THAT(Send(*OpenUpload(upload), 0, "012"), IsOk());
+    EXPECT_THAT(store_->RewindUpload(kTenant, id_, upload.id), IsOk());
+    if (removed) {
+      EXPECT_THAT(blobs_->RemoveFile(id_, path), IsOk());
+    }
+    Close();
+    OpenStores(folder_ / "data");
+    EXPECT_EQ(Committed(upload), 0);
+    auto writer = OpenUpload(upload);
+    EXPECT_THAT(Send(*writer, 0, "0123"), IsOk());
+    EXPECT_THAT(writer->Finish(), IsOk());
+    EXPECT_EQ(Content(path), "0123");
+  }
+}
+
 TEST_F(SequencesTest, DeletedSequenceLeavesNoFiles) {
   const UploadRecord upload = StartUpload({{"a", "0123"}});
   auto writer = OpenUpload(upload);

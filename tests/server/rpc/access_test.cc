@@ -37,8 +37,8 @@ class AccessTest : public RpcTest {
     return Take(AddToken(file_, {.tenant = tenant, .scopes = std::move(scopes)}));
   }
 
-  // Calls a method of any kind with an empty request and this secret, if it is not empty.
-  grpc::Status Call(const MethodDescriptor& method, const std::string& secret) {
+  // Calls a method of any kind with these bytes as its request and this secret, if it is not empty.
+  grpc::Status Call(const MethodDescriptor& method, const std::string& secret, const std::string& bytes = "") {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
     if (!secret.empty()) context.AddMetadata("authorization", "Bearer " + secret);
@@ -52,8 +52,8 @@ class AccessTest : public RpcTest {
     };
     call->StartCall(nullptr);
     wait();
-    const grpc::Slice nothing;
-    call->Write(grpc::ByteBuffer(&nothing, 1), nullptr);
+    const grpc::Slice request(bytes);
+    call->Write(grpc::ByteBuffer(&request, 1), nullptr);
     wait();
     call->WritesDone(nullptr);
     wait();
@@ -93,6 +93,7 @@ TEST_F(AccessTest, EveryMethodAsksForATokenWithItsScope) {
   for (const MethodDescriptor* method : AllMethods()) {
     SCOPED_TRACE(method->full_name());
     EXPECT_THAT(Call(*method, ""), Fails(grpc::UNAUTHENTICATED, "NO_TOKEN"));
+    EXPECT_THAT(Call(*method, "", "\xff\xff\xff"), Fails(grpc::UNAUTHENTICATED, "NO_TOKEN")) << "not even rubbish";
     EXPECT_THAT(Call(*method, "dt_guess"), Fails(grpc::UNAUTHENTICATED, "BAD_TOKEN"));
     EXPECT_THAT(Call(*method, expired), Fails(grpc::UNAUTHENTICATED, "EXPIRED_TOKEN"));
     for (const auto& [scope, secret] : only) {

@@ -451,6 +451,7 @@ TEST_F(JobServiceTest, AClockThatWasMeasuredIsPartOfTheJob) {
   job = WaitUntilEnded(job.name());
   EXPECT_TRUE(job.options().causal());
   EXPECT_EQ(job.options().clock(), "estimate");
+  EXPECT_THAT(job.warnings(), testing::ElementsAre("a warning"));
   const v1::ClockEstimate& clock = job.clock_estimate();
   EXPECT_EQ(clock.summary(),
             "the depth camera's clock is 4.00 ms ahead at the first colour frame (+-0.05 ms) and gains 300 ppm (+-20 "

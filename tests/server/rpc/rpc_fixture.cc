@@ -22,6 +22,7 @@ RpcTest::~RpcTest() {
   jobs_stub_.reset();
   outputs_stub_.reset();
   server_.reset();
+  upkeep_.reset();
   jobs_.reset();
 }
 
@@ -31,9 +32,12 @@ RpcServer& RpcTest::server() {
     store_ = Take(OpenSqliteStore(directory_->DatabaseFile(), limits));
     blobs_ = MakeFolderBlobStore(*directory_);
     jobs_ = Take(JobManager::Start(*directory_, *store_, job_options));
-    sequences_ = std::make_unique<Sequences>(*store_, *blobs_, limits, [this] { jobs_->Wake(); });
+    sequences_ = std::make_unique<Sequences>(*store_, *blobs_, [this] { jobs_->Wake(); });
+    collector_ = std::make_unique<Collector>(*store_, *jobs_, *sequences_, *directory_, job_options.retention);
+    upkeep_ = std::make_unique<Upkeep>(*store_, *collector_, jobs_->damage(), directory_->path(),
+                                       UpkeepOptions{.scrub_round = absl::ZeroDuration(), .gap = absl::Hours(24)});
     guard_ = Take(Guard::Open(guard_options));
-    server_ = Take(RpcServer::Start(rpc_options, limits, *directory_, *guard_, *sequences_, *jobs_, health_));
+    server_ = Take(RpcServer::Start(rpc_options, *directory_, *guard_, *sequences_, *jobs_, *upkeep_, health_));
     sequences_stub_ = v1::SequenceService::NewStub(server_->InProcessChannel());
     jobs_stub_ = v1::JobService::NewStub(server_->InProcessChannel());
     outputs_stub_ = v1::OutputService::NewStub(server_->InProcessChannel());
@@ -42,7 +46,7 @@ RpcServer& RpcTest::server() {
 }
 
 absl::StatusOr<std::unique_ptr<RpcServer>> RpcTest::StartAnother(const RpcServerOptions& options) {
-  return RpcServer::Start(options, limits, *directory_, *guard_, *sequences_, *jobs_, health_);
+  return RpcServer::Start(options, *directory_, *guard_, *sequences_, *jobs_, *upkeep_, health_);
 }
 
 v1::SequenceService::Stub& RpcTest::sequences_stub() { return server(), *sequences_stub_; }

@@ -85,6 +85,7 @@ class RpcTest : public testing::Test {
   v1::SequenceService::Stub& sequences_stub();
   v1::JobService::Stub& jobs_stub();
   v1::OutputService::Stub& outputs_stub();
+  const Health& health() const { return health_; }
 
   // ---- what tests need before they come to the point ----
   v1::Sequence CreateSequence(const std::string& display_name = "");
@@ -110,6 +111,8 @@ class RpcTest : public testing::Test {
   std::unique_ptr<BlobStore> blobs_;
   std::unique_ptr<JobManager> jobs_;
   std::unique_ptr<Sequences> sequences_;
+  std::unique_ptr<Collector> collector_;
+  std::unique_ptr<Upkeep> upkeep_;
   std::unique_ptr<Guard> guard_;
   Health health_;
   std::unique_ptr<RpcServer> server_;

@@ -292,6 +292,30 @@ TEST_F(SequenceServiceTest, DamagedBytesAreRefusedAndNothingOfThemIsKept) {
   EXPECT_THAT(WriteUpload(name, "0123456789", 4, 3, /*finish=*/true, &upload), Succeeds());
 }
 
+TEST_F(SequenceServiceTest, AnUploadCanBeAbandoned) {
+  v1::Sequence sequence;
+  ASSERT_THAT(Create("", "", &sequence), Succeeds());
+  const v1::Upload upload = StartUpload(sequence.name(), {{"a", "0123"}});
+  EXPECT_GT(upload.expire_time().seconds(), upload.create_time().seconds());
+  const auto abandon = [this](const std::string& name) {
+    grpc::ClientContext context;
+    v1::DeleteUploadRequest request;
+    request.set_name(name);
+    google::protobuf::Empty response;
+    return sequences_stub().DeleteUpload(&context, request, &response);
+  };
+  EXPECT_THAT(Commit(sequence.name(), &sequence), Fails(grpc::FAILED_PRECONDITION, "WRONG_STATE"));
+  EXPECT_THAT(abandon(upload.name()), Succeeds());
+  EXPECT_THAT(abandon(upload.name()), Fails(grpc::NOT_FOUND, "NO_SUCH_RESOURCE"));
+  EXPECT_THAT(abandon("uploads/x"), FailsAtField("name"));
+  ASSERT_THAT(Get(sequence.name(), &sequence), Succeeds());
+  EXPECT_EQ(sequence.file_count(), 0);
+  v1::Upload finished = StartUpload(sequence.name(), {{"a", "0123"}});
+  ASSERT_THAT(WriteUpload(finished.name(), "0123", 0, 4, /*finish=*/true, &finished), Succeeds());
+  EXPECT_FALSE(finished.has_expire_time());
+  EXPECT_THAT(abandon(finished.name()), Fails(grpc::FAILED_PRECONDITION, "WRONG_STATE"));
+}
+
 TEST_F(SequenceServiceTest, AWrongSha256CostsThatFileOnly) {
   const std::string sequence = CreateSequence().name();
   v1::Upload manifest = Manifest("a", 4);

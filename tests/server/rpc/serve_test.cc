@@ -64,13 +64,14 @@ class ServeTest : public testing::Test {
 
 TEST_F(ServeTest, SaysWhenItIsReadyAndEndsOnSigterm) {
   const std::string address = Serve();
-  EXPECT_THAT(CheckHealth(address, "", absl::Seconds(60)), IsOk());
+  EXPECT_THAT(CheckHealth({.server = address, .timeout = absl::Seconds(60)}), IsOk());
   EXPECT_THAT(ReadText(folder_ / "stdout"), testing::HasSubstr("ready on " + address));
   kill(pid_, SIGTERM);
   EXPECT_EQ(ExitCode(), 0);
-  EXPECT_THAT(CheckHealth(address, "", absl::Milliseconds(200)), HasCode(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(CheckHealth({.server = address, .timeout = absl::Milliseconds(200)}),
+              HasCode(absl::StatusCode::kUnavailable));
   // And again on the same folder.
-  EXPECT_THAT(CheckHealth(Serve(), "", absl::Seconds(60)), IsOk());
+  EXPECT_THAT(CheckHealth({.server = Serve(), .timeout = absl::Seconds(60)}), IsOk());
   kill(pid_, SIGINT);
   EXPECT_EQ(ExitCode(), 0);
 }
@@ -87,12 +88,12 @@ TEST_F(ServeTest, BacksUpWhatItServesAndServesWhatWasRestored) {
   waitpid(server, nullptr, 0);
   std::filesystem::remove_all(folder_ / "data");
   EXPECT_EQ(Run({"restore", "--from", folder_ / "backup", "--data-dir", folder_ / "data"}), 0);
-  EXPECT_THAT(CheckHealth(Serve(), "", absl::Seconds(60)), IsOk());
+  EXPECT_THAT(CheckHealth({.server = Serve(), .timeout = absl::Seconds(60)}), IsOk());
 }
 
 // Recordings are nobody else's to read, whatever the mask of the shell.
 TEST_F(ServeTest, KeepsItsFilesToItself) {
-  CheckHealth(Serve(), "", absl::Seconds(60)).IgnoreError();
+  CheckHealth({.server = Serve(), .timeout = absl::Seconds(60)}).IgnoreError();
   for (const char* name : {"data", "data/sequences", "data/depthtween.sqlite"}) {
     const auto mode = std::filesystem::status(folder_ / name).permissions();
     EXPECT_EQ(mode & std::filesystem::perms(077), std::filesystem::perms::none) << name;

@@ -1,6 +1,9 @@
 // Bytes and folders on the disk, checked by reading the files themselves.
 #include "server/store/blob_store.h"
 
+#include <atomic>
+#include <thread>
+
 #include "server/store/folder_blob_store.h"
 #include "tests/server/server_fixtures.h"
 
@@ -40,6 +43,36 @@ TEST_F(BlobStoreTest, NeverLeavesItsFolder) {
   EXPECT_THAT(blobs_->Write("s", "a", 0, "a"), IsOk());
   std::filesystem::create_symlink("/tmp/elsewhere", directory_->SequenceFolder("s") + "/link");
   EXPECT_THAT(blobs_->Write("s", "link", 0, "x"), Not(IsOk()));
+}
+
+TEST_F(BlobStoreTest, OneFileIsRemovedWithTheFoldersThatItLeavesEmpty) {
+  EXPECT_THAT(blobs_->Write("s", "rgb/a/b/0.png", 0, "x"), IsOk());
+  EXPECT_THAT(blobs_->Write("s", "rgb/1.png", 0, "x"), IsOk());
+  EXPECT_THAT(blobs_->RemoveFile("s", "rgb/a/b/0.png"), IsOk());
+  EXPECT_FALSE(std::filesystem::exists(directory_->SequenceFolder("s") + "/rgb/a"));
+  EXPECT_EQ(Content("rgb/1.png"), "x");
+  EXPECT_THAT(blobs_->RemoveFile("s", "rgb/a/b/0.png"), IsOk()) << "there is none";
+  EXPECT_THAT(blobs_->RemoveFile("s", "rgb/1.png/x"), IsOk()) << "nor could there be one";
+  EXPECT_THAT(blobs_->RemoveFile("s", "rgb/1.png"), IsOk());
+  EXPECT_THAT(blobs_->Write("s", "rgb", 0, "a file now"), IsOk());
+  EXPECT_THAT(blobs_->RemoveFile("s", "../s2/x"), HasCode(absl::StatusCode::kInvalidArgument));
+}
+
+// One thread makes and removes a folder by its only file, the other writes others there: no write may fail.
+TEST_F(BlobStoreTest, AFolderThatGoesAwayHindersNoWrite) {
+  std::atomic<bool> over = false;
+  std::thread other([&] {
+    while (!over) {
+      EXPECT_THAT(blobs_->Write("s", "rgb/x/a", 0, "x"), IsOk());
+      EXPECT_THAT(blobs_->RemoveFile("s", "rgb/x/a"), IsOk());
+    }
+  });
+  for (int i = 0; i < 500; ++i) {
+    EXPECT_THAT(blobs_->Write("s", "rgb/x/b", 0, "y"), IsOk());
+    EXPECT_THAT(blobs_->RemoveFile("s", "rgb/x/b"), IsOk());
+  }
+  over = true;
+  other.join();
 }
 
 TEST_F(BlobStoreTest, RemovedFilesAreGoneAtOnce) {

@@ -15,7 +15,8 @@ using testing::HasSubstr;
 
 TEST(PathRules, AcceptWhatSequencesAreMadeOf) {
   for (const char* path :
-       {"rgb.txt", "rgb/1305031102.175304.png", "gt/flow_key/fwd_0_8.png", "a/b/c/d/e", "A b+c-d_e.f"}) {
+       {"rgb.txt", "rgb/1305031102.175304.png", "gt/flow_key/fwd_0_8.png", "a/b/c/d/e", "A b+c-d_e.f",
+        "rgb dir/Bild \xC3\xBC \xE6\xB7\xB1 00 (1) [x] 100% #1.png", "~", "a;b&c$d'e"}) {
     EXPECT_THAT(CheckRelativePath(path), IsOk()) << path;
   }
   EXPECT_THAT(CheckRelativePath(std::string(255, 'x')), IsOk());
@@ -24,13 +25,24 @@ TEST(PathRules, AcceptWhatSequencesAreMadeOf) {
 TEST(PathRules, RefuseWhatCouldDoHarm) {
   using namespace std::string_literals;
   for (const std::string& path :
-       {""s,      "/etc/passwd"s, ".."s,       "../x"s,        "a/../b"s, "a/.."s, "."s,
-        "a/./b"s, "a//b"s,        "a/"s,       ".hidden"s,     "a/.git"s, "a\0b"s, "a\\b"s,
-        "a\nb"s,  "C:x"s,         "\xC3\xA4"s, "a/b/c/d/e/f"s, "~"s,      "a*"s,   std::string(256, 'x')}) {
+       {""s,     "/etc/passwd"s, ".."s,      "../x"s,   "a/../b"s,   "a/.."s, "."s,    "a/./b"s,
+        "a//b"s, "a/"s,          ".hidden"s, "a/.git"s, "a\0b"s,     "a\\b"s, "a\nb"s, "C:x"s,
+        "\xC3"s, "a/b/c/d/e/f"s, "a\x7F"s,   "a*"s,     "\xC2\x9B"s, "a?"s,   "a|b"s,  std::string(256, 'x')}) {
     EXPECT_THAT(CheckRelativePath(path), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD")) << path;
   }
   // The message can be printed whatever the path holds.
   EXPECT_THAT(std::string(CheckRelativePath("a\x1B[2J").message()), HasSubstr("\\033[2J"));
+}
+
+// All are told at once, so that files are renamed once.
+TEST(PathRules, NameEveryPathThatIsRefused) {
+  EXPECT_THAT(CheckRelativePaths({"a.png", "b.png"}), IsOk());
+  const absl::Status two = CheckRelativePaths({"a:1.png", "b.png", ".c.png"});
+  EXPECT_THAT(two, HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  EXPECT_THAT(std::string(two.message()), testing::AllOf(HasSubstr("2 of 3 paths"), HasSubstr("\"a:1.png\" has one of"),
+                                                         HasSubstr("\".c.png\" has a name that begins with a dot")));
+  const std::vector<std::string> many(25, "a*");
+  EXPECT_THAT(std::string(CheckRelativePaths({many.begin(), many.end()}).message()), HasSubstr("and 15 more"));
 }
 
 TEST(Crc32c, MatchesRfc3720) {

@@ -31,6 +31,8 @@ class StoreConformance : public testing::TestWithParam<StoreFactory> {
   SequenceRecord UploadedSequence();
   // A sequence that was validated.
   SequenceRecord ReadySequence();
+  // The task of a sequence that is one file.
+  Task ArchiveTask(const std::string& path, int64_t size_bytes);
   // A job of `intervals` intervals of two frames each that has been prepared, and runs.
   JobRecord PreparedJob(int intervals);
   // Claims with batches of `batch` intervals; a task of number 0 when there is none.

@@ -734,12 +734,14 @@ TEST_P(StoreConformance, ClockAndItsEstimateSurviveReopening) {
       .edges = int64_t{1} << 40};
   JobPlan plan = PlanOf(2);
   plan.clock_estimate = estimate;
+  plan.warnings = {"nothing moves", "\"quoted\" \n"};
   EXPECT_THAT(store().FinishPrepare(Claim().number, plan), IsOk());
   Open();
   const JobRecord job = Job(id);
   EXPECT_THAT(job.options, HasSubstr(R"("clock":"estimate")"));
   ASSERT_TRUE(job.clock_estimate.has_value());
   EXPECT_EQ(depthtween::ToJson(*job.clock_estimate), depthtween::ToJson(estimate));
+  EXPECT_EQ(job.warnings, plan.warnings);
 }
 
 // What core refuses is refused under the name that the request has for it.
@@ -1164,6 +1166,141 @@ TEST_P(StoreConformance, AnnouncedBytesAreReserved) {
   EXPECT_THAT(store().CreateUpload(kTenant, other, {{.path = "a", .size_bytes = 100}}, 100, ""), IsOk());
 }
 
+// What is given up is not part of the sequence: not its bytes, not its paths, and it hinders no commit.
+TEST_P(StoreConformance, AnUploadIsGivenUp) {
+  const std::string id = UploadedSequence().id;
+  const std::vector<UploadFile> files = {{.path = "a", .size_bytes = 3}, {.path = "b/c", .size_bytes = 4}};
+  const UploadRecord upload = Take(store().CreateUpload(kTenant, id, files, kRoom, "request", "name YQ=="));
+  EXPECT_EQ(Take(store().GetUpload(kTenant, id, upload.id)).metadata, "name YQ==");
+  EXPECT_THAT(store().SetCommittedSize(upload.id, 5, {ChecksumWith("a", 3, "1234")}), IsOk());
+
+  EXPECT_THAT(store().RewindUpload(kTenant, id, upload.id), IsOk());
+  EXPECT_EQ(Take(store().GetUpload(kTenant, id, upload.id)).committed_size, 0);
+  EXPECT_THAT(Take(store().SequenceFiles(id)), IsEmpty()) << "the scrub must not look for what is being removed";
+  EXPECT_THAT(store().DeleteUpload(Tenant("other"), id, upload.id), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(store().DeleteUpload(kTenant, ReadySequence().id, upload.id), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(store().DeleteUpload(kTenant, id, upload.id), IsOk());
+  EXPECT_THAT(store().DeleteUpload(kTenant, id, upload.id), HasReason(absl::StatusCode::kNotFound, "NO_SUCH_RESOURCE"));
+  const SequenceRecord sequence = Take(store().GetSequence(kTenant, id));
+  EXPECT_EQ(sequence.size_bytes, 3);
+  EXPECT_EQ(sequence.file_count, 1);
+  // The request is forgotten, the paths are free.
+  const UploadRecord again = Take(store().CreateUpload(kTenant, id, files, kRoom, "request"));
+  EXPECT_NE(again.id, upload.id);
+  EXPECT_THAT(store().CommitSequence(kTenant, id), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().DeleteUpload(kTenant, id, again.id), IsOk());
+  EXPECT_THAT(store().CommitSequence(kTenant, id), IsOk());
+}
+
+TEST_P(StoreConformance, AFinishedUploadIsNotGivenUp) {
+  const std::string id = Take(store().CreateSequence(kTenant, "", "")).id;
+  const UploadRecord upload = Take(store().CreateUpload(kTenant, id, {{.path = "a"}}, kRoom, ""));
+  EXPECT_THAT(store().FinishUpload(upload.id), IsOk());
+  const auto refused = HasReason(absl::StatusCode::kFailedPrecondition, "WRONG_STATE");
+  EXPECT_THAT(store().RewindUpload(kTenant, id, upload.id), refused);
+  EXPECT_THAT(store().DeleteUpload(kTenant, id, upload.id), refused);
+}
+
+// A validate task whose sequence is this file alone; there is no other task.
+Task StoreConformance::ArchiveTask(const std::string& path, int64_t size_bytes) {
+  const std::string id = Take(store().CreateSequence(kTenant, "", "")).id;
+  const UploadRecord upload =
+      Take(store().CreateUpload(kTenant, id, {{.path = path, .size_bytes = size_bytes}}, kRoom, ""));
+  EXPECT_THAT(store().SetCommittedSize(upload.id, size_bytes, {ChecksumWith(path, size_bytes, "1234")}), IsOk());
+  EXPECT_THAT(store().FinishUpload(upload.id), IsOk());
+  EXPECT_THAT(store().CommitSequence(kTenant, id), IsOk());
+  return Claim();
+}
+
+// What an archive held counts in its place: files, bytes, checksums.
+TEST_P(StoreConformance, FilesTakeTheirArchivesPlace) {
+  const Task task = ArchiveTask("clip.ZIP", 10);
+  const SequenceArchive archive = *Take(store().GetArchive(task.sequence_id));
+  EXPECT_EQ(archive.path, "clip.ZIP");
+  EXPECT_FALSE(archive.unpacked);
+  const std::vector<FileChecksum> files = {ChecksumWith("rgb.txt", 3, "abcd"), ChecksumWith("rgb/0", 40, "efgh")};
+  EXPECT_THAT(store().FinishUnpacking(task.number + 1, archive, files), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().FinishUnpacking(task.number, archive, files), IsOk());
+  EXPECT_THAT(store().FinishUnpacking(task.number, archive, files), HasCode(absl::StatusCode::kInternal)) << "once";
+  Open();
+  EXPECT_TRUE(Take(store().GetArchive(task.sequence_id))->unpacked);
+  EXPECT_EQ(Take(store().GetArchive(task.sequence_id))->path, "clip.ZIP");
+  const SequenceRecord sequence = Take(store().GetSequence(kTenant, task.sequence_id));
+  EXPECT_EQ(sequence.state, SequenceState::kValidating) << "the task goes on";
+  EXPECT_EQ(sequence.size_bytes, 43);
+  EXPECT_EQ(sequence.file_count, 2);
+  EXPECT_THAT(PathsOf(Take(store().SequenceFiles(task.sequence_id))), ElementsAre("rgb.txt", "rgb/0"));
+  EXPECT_THAT(store().DeleteSequence(kTenant, task.sequence_id), IsOk());
+}
+
+TEST_P(StoreConformance, WhatComesOutOfAnArchiveIsLimited) {
+  Limits limits;
+  limits.max_sequence_bytes = 50;
+  limits.max_files_per_sequence = 2;
+  limits.max_tenant_bytes = 60;
+  Open(limits);
+  const std::string other = Take(store().CreateSequence(kTenant, "", "")).id;
+  EXPECT_THAT(store().CreateUpload(kTenant, other, {{.path = "a", .size_bytes = 20}}, kRoom, ""), IsOk());
+  const Task task = ArchiveTask("clip.zip", 10);
+  const SequenceArchive archive = *Take(store().GetArchive(task.sequence_id));
+  const auto finish = [&](const std::vector<FileChecksum>& files) {
+    return store().FinishUnpacking(task.number, archive, files);
+  };
+  const auto limit = [](const absl::Status& status) { return GetErrorInfo(status)->metadata["limit"]; };
+  EXPECT_EQ(limit(finish({ChecksumWith("a", 51, "1234")})), "max_sequence_bytes");
+  EXPECT_EQ(limit(finish({ChecksumWith("a", 41, "1234")})), "max_tenant_bytes");
+  EXPECT_EQ(limit(finish({ChecksumWith("a", 1, "1234"), ChecksumWith("b", 1, "1234"), ChecksumWith("c", 1, "1234")})),
+            "max_files_per_sequence");
+  EXPECT_FALSE(Take(store().GetArchive(task.sequence_id))->unpacked);
+  EXPECT_THAT(finish({ChecksumWith("a", 40, "1234")}), IsOk()) << "the archive itself no longer counts";
+}
+
+TEST_P(StoreConformance, OnlyAFileAloneIsAnArchive) {
+  EXPECT_FALSE(Take(store().GetArchive(ReadySequence().id)).has_value());
+  EXPECT_FALSE(Take(store().GetArchive("0000000000000000")).has_value());
+  for (const char* path : {"folder/clip.zip", "clip.zip.png", "zip"}) {
+    const std::string id = Take(store().CreateSequence(kTenant, "", "")).id;
+    EXPECT_THAT(store().CreateUpload(kTenant, id, {{.path = path}}, kRoom, ""), IsOk());
+    EXPECT_FALSE(Take(store().GetArchive(id)).has_value()) << path;
+  }
+  const std::string two = Take(store().CreateSequence(kTenant, "", "")).id;
+  EXPECT_THAT(store().CreateUpload(kTenant, two, {{.path = "a.zip"}, {.path = "b.zip"}}, kRoom, ""), IsOk());
+  EXPECT_FALSE(Take(store().GetArchive(two)).has_value());
+}
+
+// By the rule of AbandonedSequences: the end is so long after the last byte, or after the last upload began.
+TEST_P(StoreConformance, AnUploadSaysWhenItExpires) {
+  const auto upload_in = [this](absl::Duration keep) {
+    Limits limits;
+    limits.keep_uploads = keep;
+    Open(limits);
+    const std::string id = Take(store().CreateSequence(kTenant, "", "")).id;
+    return Take(store().CreateUpload(kTenant, id, {{.path = "a", .size_bytes = 3}}, kRoom, ""));
+  };
+  EXPECT_EQ(upload_in(absl::ZeroDuration()).expire_time, absl::InfiniteFuture());
+  const absl::Time before = absl::Now() - absl::Microseconds(1);
+  const UploadRecord upload = upload_in(absl::Hours(5));
+  EXPECT_GE(upload.expire_time, before + absl::Hours(5));
+  EXPECT_LE(upload.expire_time, absl::Now() + absl::Hours(5));
+  EXPECT_THAT(store().SetCommittedSize(upload.id, 3), IsOk());
+  EXPECT_GE(Take(store().GetUpload(kTenant, upload.sequence_id, upload.id)).expire_time, upload.expire_time);
+  EXPECT_EQ(Take(store().FinishUpload(upload.id)).expire_time, absl::InfiniteFuture());
+}
+
+TEST_P(StoreConformance, MetadataOfAnUploadIsAHeader) {
+  const std::string id = Take(store().CreateSequence(kTenant, "", "")).id;
+  const auto with = [&](const std::string& metadata) {
+    return store().CreateUpload(kTenant, id, {{.path = "a"}}, kRoom, "request", metadata);
+  };
+  for (const std::string& bad : {std::string("a\r\nSet-Cookie: b"), std::string("\xC3\xA4"), std::string(4097, 'x')}) {
+    EXPECT_THAT(with(bad), HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD")) << bad.substr(0, 20);
+  }
+  const std::string longest(4096, 'x');
+  EXPECT_EQ(Take(with(longest)).metadata, longest);
+  EXPECT_EQ(Take(with(longest)).metadata, longest) << "the same request";
+  EXPECT_THAT(with("other"), HasReason(absl::StatusCode::kAlreadyExists, "IDEMPOTENCY_MISMATCH"));
+}
+
 // ---- fair share ----
 
 // With one worker, two tenants: whoever waited longer goes next, however long the other's queue is.
@@ -1194,6 +1331,64 @@ TEST_P(StoreConformance, TenantsTakeTurns) {
   EXPECT_EQ(Claim(1).job_id, late);
 }
 
+TEST_P(StoreConformance, PlacesInTheQueueAreThoseOfTheJobs) {
+  const std::string sequence = ReadySequence().id;
+  std::vector<std::string> jobs;
+  for (const int priority : {0, 3, 0, 3, -1}) {
+    const NewJob job = {.sequence_id = sequence, .priority = priority};
+    jobs.push_back(Take(store().CreateJob(kTenant, job, "", false)).id);
+  }
+  Claim();
+  const auto places = Take(store().QueuePositions());
+  EXPECT_EQ(places.size(), 4U);
+  for (const std::string& job : jobs) {
+    const auto place = places.find(job);
+    EXPECT_EQ(place == places.end() ? std::nullopt : std::optional(place->second), Job(job).queue_position);
+  }
+}
+
+TEST_P(StoreConformance, TheEndOfAJobIsToldOnceToItsWebhook) {
+  const NewJob order = {.sequence_id = ReadySequence().id, .webhook_url = "https://example.org/hook"};
+  const std::string job = Take(store().CreateJob(kTenant, order, "request", false)).id;
+  EXPECT_EQ(Job(job).webhook->state, WebhookState::kWaiting);
+  EXPECT_THAT(Take(store().DueWebhooks(absl::Now(), 10)), IsEmpty());
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = order.sequence_id}, "request", false),
+              HasCode(absl::StatusCode::kAlreadyExists));
+
+  ASSERT_THAT(store().CancelJob(kTenant, job), IsOk());
+  Open();
+  const std::vector<DueWebhook> due = Take(store().DueWebhooks(absl::Now(), 10));
+  ASSERT_THAT(due, SizeIs(1));
+  EXPECT_EQ(due[0].job_id, job);
+  EXPECT_EQ(due[0].url, order.webhook_url);
+  EXPECT_EQ(due[0].attempts, 0);
+  const absl::Time later = absl::Now() + absl::Hours(1);
+  EXPECT_THAT(store().RecordWebhook(
+                  due[0].event_id,
+                  {.state = WebhookState::kSending, .attempts = 1, .next_time = later, .last_error = "refused"}),
+              IsOk());
+  EXPECT_THAT(Take(store().DueWebhooks(absl::Now(), 10)), IsEmpty());
+  EXPECT_THAT(Take(store().DueWebhooks(later + absl::Seconds(1), 10)), SizeIs(1));
+  EXPECT_EQ(Job(job).webhook->last_error, "refused");
+  EXPECT_EQ(Job(job).webhook->attempts, 1);
+  EXPECT_THAT(store().RecordWebhook(due[0].event_id, {.state = WebhookState::kDelivered, .attempts = 2}), IsOk());
+  EXPECT_THAT(Take(store().DueWebhooks(later + absl::Seconds(1), 10)), IsEmpty());
+  EXPECT_EQ(Job(job).webhook->state, WebhookState::kDelivered);
+  EXPECT_EQ(Job(job).webhook->last_error, "");
+  EXPECT_THAT(store().RecordWebhook(due[0].event_id, {.state = WebhookState::kGivenUp}),
+              HasCode(absl::StatusCode::kNotFound));
+
+  // Its next end is another event.
+  ASSERT_THAT(store().RetryJob(kTenant, job), IsOk());
+  EXPECT_EQ(Job(job).webhook->state, WebhookState::kWaiting);
+  ASSERT_THAT(store().CancelJob(kTenant, job), IsOk());
+  const std::vector<DueWebhook> again = Take(store().DueWebhooks(absl::Now(), 10));
+  ASSERT_THAT(again, SizeIs(1));
+  EXPECT_NE(again[0].event_id, due[0].event_id);
+  ASSERT_THAT(store().DeleteJob(kTenant, job), IsOk());
+  EXPECT_THAT(Take(store().DueWebhooks(absl::Now(), 10)), IsEmpty());
+}
+
 TEST_P(StoreConformance, TheHigherPriorityGoesFirst) {
   const std::string sequence = ReadySequence().id;
   const std::string usual = Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
@@ -1210,17 +1405,157 @@ TEST_P(StoreConformance, TheHigherPriorityGoesFirst) {
 }
 
 TEST_P(StoreConformance, ATenantHasLimitsOfItsOwn) {
-  Open({.max_tenant_bytes = 10, .max_tenant_queued_jobs = 2, .max_tenant_tasks = 1});
+  Open({.max_tenant_bytes = 10, .max_tenant_queued_jobs = 2, .max_tenant_tasks = 1, .max_tenant_uploads = 1});
   const std::string sequence = ReadySequence().id;  // of three bytes
   const SequenceRecord more = Take(store().CreateSequence(kTenant, "", ""));
   EXPECT_THAT(store().CreateUpload(kTenant, more.id, {{.path = "a", .size_bytes = 8}}, kRoom, ""),
               HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
-  EXPECT_THAT(store().CreateUpload(kTenant, more.id, {{.path = "a", .size_bytes = 7}}, kRoom, ""), IsOk());
+  const UploadRecord upload = Take(store().CreateUpload(kTenant, more.id, {{.path = "a", .size_bytes = 6}}, kRoom, ""));
+  EXPECT_THAT(store().CreateUpload(kTenant, more.id, {{.path = "b", .size_bytes = 1}}, kRoom, ""),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"))
+      << "one upload at a time";
+  EXPECT_THAT(store().SetCommittedSize(upload.id, 6), IsOk());
+  EXPECT_THAT(store().FinishUpload(upload.id), IsOk());
+  EXPECT_THAT(store().CreateUpload(kTenant, more.id, {{.path = "b", .size_bytes = 1}}, kRoom, ""), IsOk());
   for (int i = 0; i < 2; ++i) Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false));
   EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false),
               HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
   EXPECT_NE(Claim().number, 0);
   EXPECT_EQ(Claim().number, 0) << "one task at a time";
+}
+
+TEST_P(StoreConformance, LimitsChangeWhileTheStoreIsOpen) {
+  Limits limits = store().limits().Get();
+  limits.max_queued_jobs = 1;
+  const std::string sequence = ReadySequence().id;
+  Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false));
+  Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false));
+  EXPECT_THAT(store().limits().Set(limits), IsOk());
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false),
+              HasReason(absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED"));
+  limits.max_queued_jobs = 3;
+  EXPECT_THAT(store().limits().Set(limits), IsOk());
+  EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false), IsOk());
+}
+
+// ---- time limits and retention ----
+
+// The shorter of two limits counts, and zero is none: with one of a microsecond, which has passed, what fails is known.
+TEST_P(StoreConformance, JobsBeyondTheirTimeFail) {
+  const std::string sequence = ReadySequence().id;
+  const std::string runs = PreparedJob(2).id;
+  const std::string waits = Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
+  const std::string patient =
+      Take(store().CreateJob(kTenant, {.sequence_id = sequence, .limits = {.queue = absl::Hours(1)}}, "", false)).id;
+  const Task task = Claim(1);
+  ASSERT_EQ(task.job_id, runs);
+  EXPECT_THAT(Take(store().FailOverdueJobs({})), IsEmpty());
+  EXPECT_THAT(Take(store().FailOverdueJobs({.queue = absl::Hours(2), .run = absl::Hours(2)})), IsEmpty());
+
+  EXPECT_THAT(Take(store().FailOverdueJobs({.run = absl::Microseconds(1)})), ElementsAre(runs));
+  EXPECT_EQ(Job(runs).state, JobState::kFailed);
+  EXPECT_THAT(Job(runs).error, HasReason(absl::StatusCode::kDeadlineExceeded, "TIME_LIMIT"));
+  EXPECT_THAT(std::string(Job(runs).error.message()), HasSubstr("run_time_limit"));
+  EXPECT_THAT(store().FinishInterval(task.number, 0, 1), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_EQ(Job(waits).state, JobState::kQueued);
+
+  // A retry waits anew, and what was finished is not lost with the limit.
+  Take(store().RetryJob(kTenant, runs));
+  EXPECT_THAT(Take(store().FailOverdueJobs({.queue = absl::Hours(1), .run = absl::Microseconds(1)})), IsEmpty());
+  EXPECT_THAT(Take(store().FailOverdueJobs({.queue = absl::Microseconds(1)})), ElementsAre(runs, waits, patient));
+  EXPECT_THAT(std::string(Job(waits).error.message()), HasSubstr("queue_time_limit"));
+  Open();
+  EXPECT_EQ(Job(patient).limits.queue, absl::Hours(1));
+
+  for (const absl::Duration bad : {absl::Milliseconds(999), absl::Hours(100'000), -absl::Seconds(1)}) {
+    EXPECT_THAT(store().CreateJob(kTenant, {.sequence_id = sequence, .limits = {.run = bad}}, "", false),
+                HasReason(absl::StatusCode::kInvalidArgument, "BAD_FIELD"));
+  }
+}
+
+TEST_P(StoreConformance, WhatHasEndedMayBeCollectedUnlessItIsPinnedOrUsedAgain) {
+  const auto ids = [](const std::vector<Collectable>& list) {
+    std::vector<std::string> found;
+    for (const Collectable& one : list) found.push_back(one.id);
+    return found;
+  };
+  const std::string sequence = ReadySequence().id, unused = ReadySequence().id;
+  const std::string job = Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
+  EXPECT_THAT(Take(store().CollectableJobs()), IsEmpty());
+  EXPECT_THAT(ids(Take(store().CollectableSequences())), ElementsAre(unused)) << "a job needs the other one";
+  Take(store().CancelJob(kTenant, job));
+  const std::vector<Collectable> jobs = Take(store().CollectableJobs());
+  ASSERT_THAT(ids(jobs), ElementsAre(job));
+  EXPECT_EQ(jobs[0].tenant, kTenant.name());
+  EXPECT_EQ(jobs[0].job_state, JobState::kCancelled);
+  EXPECT_EQ(jobs[0].since, Job(job).end_time);
+  std::vector<Collectable> sequences = Take(store().CollectableSequences());
+  ASSERT_THAT(ids(sequences), ElementsAre(unused, sequence)) << "the one that was used last comes last";
+  EXPECT_EQ(sequences[1].since, Job(job).end_time);
+  EXPECT_EQ(Take(store().BytesOfSequence(sequence)), 3);
+
+  // Pinned after it was listed: it stays.
+  EXPECT_TRUE(Take(store().PinJob(kTenant, job, true)).pinned);
+  EXPECT_TRUE(Take(store().PinSequence(kTenant, unused, true)).pinned);
+  EXPECT_THAT(store().CollectJob(jobs[0]), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().CollectSequence(sequences[0]), HasCode(absl::StatusCode::kFailedPrecondition));
+  Open();
+  EXPECT_TRUE(Job(job).pinned);
+  EXPECT_THAT(Take(store().CollectableJobs()), IsEmpty());
+  EXPECT_THAT(ids(Take(store().CollectableSequences())), ElementsAre(sequence));
+  EXPECT_THAT(store().PinJob(Tenant("other"), job, false), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(store().PinSequence(Tenant("other"), unused, false), HasCode(absl::StatusCode::kNotFound));
+
+  // Used again after it was listed: so does this.
+  EXPECT_FALSE(Take(store().PinJob(kTenant, job, false)).pinned);
+  Take(store().RetryJob(kTenant, job));
+  EXPECT_THAT(store().CollectJob(jobs[0]), HasCode(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(store().CollectSequence(sequences[1]), HasCode(absl::StatusCode::kFailedPrecondition));
+  Take(store().CancelJob(kTenant, job));
+  EXPECT_THAT(store().CollectJob(jobs[0]), HasCode(absl::StatusCode::kFailedPrecondition))
+      << "it ended at another time";
+  EXPECT_THAT(store().CollectJob(Take(store().CollectableJobs()).at(0)), IsOk());
+  EXPECT_THAT(store().GetJob(kTenant, job), HasCode(absl::StatusCode::kNotFound));
+  EXPECT_THAT(store().CollectSequence(Take(store().CollectableSequences()).at(0)), IsOk());
+  EXPECT_THAT(store().GetSequence(kTenant, sequence), HasCode(absl::StatusCode::kNotFound));
+}
+
+TEST_P(StoreConformance, AJobWhoseDepthIsStillToBeReusedIsNotCollected) {
+  const JobRecord from = PreparedJob(1);
+  const Task computed = Claim(1);
+  Take(store().FinishInterval(computed.number, 0, 1));
+  EXPECT_THAT(store().CompleteTask(computed.number), IsOk());
+  EXPECT_THAT(store().CompleteTask(Claim().number), IsOk());
+  ASSERT_EQ(Job(from.id).state, JobState::kSucceeded);
+  EXPECT_THAT(Take(store().CollectableJobs()), SizeIs(1));
+  const std::string renders = Take(store().CreateJob(kTenant,
+                                                     {.sequence_id = from.sequence_id,
+                                                      .renders = {{.name = "dof", .options = "{}", .streams = {"dof"}}},
+                                                      .depth_from = from.id},
+                                                     "", false))
+                                  .id;
+  EXPECT_THAT(Take(store().CollectableJobs()), IsEmpty());
+  Take(store().CancelJob(kTenant, renders));
+  EXPECT_THAT(Take(store().CollectableJobs()), SizeIs(2));
+}
+
+// A short list is the long one without what it leaves out, and both know each job's place in the queue.
+TEST_P(StoreConformance, AShortListKnowsTheSameJobs) {
+  const std::string sequence = ReadySequence().id;
+  const std::string runs = PreparedJob(2).id;
+  const std::string low = Take(store().CreateJob(kTenant, {.sequence_id = sequence, .priority = -1}, "", false)).id;
+  const std::string usual = Take(store().CreateJob(kTenant, {.sequence_id = sequence}, "", false)).id;
+  const std::map<std::string, std::optional<int>> places = {{runs, std::nullopt}, {low, 2}, {usual, 1}};
+  for (const JobDetail detail : {JobDetail::kFull, JobDetail::kBasic}) {
+    const Page<JobRecord> page = Take(store().ListJobs(kTenant, {}, {}, detail));
+    ASSERT_THAT(page.items, SizeIs(3));
+    for (const JobRecord& job : page.items) {
+      EXPECT_EQ(job.queue_position, places.at(job.id));
+      EXPECT_EQ(job.queue_position, Job(job.id).queue_position);
+      EXPECT_EQ(job.intervals_total, Job(job.id).intervals_total);
+      EXPECT_EQ(job.recording.color_frame_count, detail == JobDetail::kFull ? 9 : 0);
+    }
+  }
 }
 
 }  // namespace depthtween::server

@@ -6,12 +6,10 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
 #include <string>
 
 #include "server/telemetry/health.h"
 #include "server/telemetry/log.h"
-#include "server/telemetry/request_id.h"
 
 namespace depthtween::server {
 namespace {
@@ -80,17 +78,19 @@ TEST(Health, TellsEachServiceAndEveryChange) {
   EXPECT_EQ(changes, 2);
 }
 
-TEST(RequestId, TakesWhatIsHarmlessAndMakesTheRest) {
-  EXPECT_EQ(ChooseRequestId("7d9-A.b_c"), "7d9-A.b_c");
-  std::set<std::string> made;
-  for (const std::string& unwanted :
-       {std::string(), std::string(65, 'a'), std::string("a b"), std::string("a\n"), std::string("\xc3\xa4")}) {
-    const std::string id = ChooseRequestId(unwanted);
-    EXPECT_EQ(id.size(), 16U);
-    EXPECT_NE(id, unwanted);
-    made.insert(id);
-  }
-  EXPECT_EQ(made.size(), 5U);
+TEST(Health, ServesAgainWhenEveryReasonNotToIsGone) {
+  Health health;
+  health.Set("", true);
+  health.Set("jobs", true);
+  health.Hold("draining");
+  health.Hold("draining");
+  health.Hold("disk");
+  EXPECT_EQ(health.IsServing("jobs"), false);
+  health.Hold("disk", false);
+  EXPECT_EQ(health.IsServing(""), false);
+  health.Hold("draining", false);
+  EXPECT_EQ(health.IsServing("jobs"), true);
+  EXPECT_EQ(health.IsServing(""), true);
 }
 
 }  // namespace
