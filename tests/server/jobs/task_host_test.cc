@@ -9,6 +9,7 @@
 #include <csignal>
 #include <filesystem>
 
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
@@ -41,8 +42,11 @@ class TaskHostTest : public testing::Test {
       pid_t id = 0;
       if (!absl::SimpleAtoi(entry.path().filename().string(), &id)) continue;
       if (ReadText((entry.path() / "comm").string()) != "task-host\n") continue;
-      const std::string stat = ReadText((entry.path() / "stat").string());
-      if (stat.find(absl::StrCat(") S ", getpid(), " ")) != std::string::npos) return id;
+      // "... (task-host) STATE PARENT ...": it may run or sleep.
+      const std::string stat = ReadText((entry.path() / "stat").string()), name_end = "(task-host) ";
+      const size_t state = stat.find(name_end);
+      if (state == std::string::npos) continue;
+      if (absl::StartsWith(stat.substr(state + name_end.size() + 1), absl::StrCat(" ", getpid(), " "))) return id;
     }
     return 0;
   }
