@@ -49,7 +49,7 @@ std::vector<DepthEdge> FindDepthEdges(ImageView<const float> depth) {
       if (!Apart(a, z)) continue;
       const float half = 0.5F * static_cast<float>(before + i);
       const auto [x, y] = place(half);
-      const DepthEdge edge = WithNormal(depth, x, y, 0.5F * (a + z));
+      DepthEdge edge = WithNormal(depth, x, y, 0.5F * (a + z));
       // The other walk finds the edges that lie along this one.
       const float nx = edge.normal_x, ny = edge.normal_y;
       if (along_x ? std::abs(nx) < std::abs(ny) : std::abs(ny) <= std::abs(nx)) continue;
@@ -60,6 +60,7 @@ std::vector<DepthEdge> FindDepthEdges(ImageView<const float> depth) {
       if (!depth.Contains(inside_x, inside_y)) continue;
       const float inside = depth(inside_x, inside_y);
       if (inside <= 0 || Apart(inside, nearer)) continue;
+      edge.near_m = nearer;
       edges.push_back(edge);
     }
   };

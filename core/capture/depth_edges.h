@@ -12,6 +12,7 @@ namespace depthtween {
 struct DepthEdge {
   float x = 0.0F, y = 0.0F;                // pixels; between the last pixel of the nearer surface and the first behind
   float normal_x = 0.0F, normal_y = 0.0F;  // unit, from the nearer surface to the farther one
+  float near_m = 0.0F;                     // depth of the nearer surface
 };
 
 // How far inside the nearer surface its motion may be looked up, pixels: past the pixels that flow smears over an edge.

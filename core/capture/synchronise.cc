@@ -6,13 +6,12 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Core>
-#include <Eigen/LU>
-
 #include "absl/strings/str_format.h"
 #include "core/base/parallel.h"
 #include "core/capture/depth_edges.h"
+#include "core/capture/edge_fit.h"
 #include "core/capture/moving_picture.h"
+#include "core/capture/registration_search.h"
 #include "core/fill/key_cleaning.h"
 
 namespace depthtween {
@@ -36,8 +35,8 @@ struct ShiftGrid {
 
 // How well the edges of a key meet those of colour, for each shift of its stamp: every edge has one vote, which it
 // shares out among the shifts by the contrast found there. Edges that stand still give every shift the same.
-absl::StatusOr<std::vector<float>> VotesForShifts(const FrameSource& source, const KeyEdges& key,
-                                                  const ShiftGrid& grid) {
+absl::StatusOr<std::vector<float>> VotesForShifts(const FrameSource& source, const KeyEdges& key, const ShiftGrid& grid,
+                                                  const Registration& registration) {
   constexpr DenseFlowOptions kQuickFlow{.finest_scale = 2, .descent_iterations = 12, .refinement_iterations = 0};
   constexpr size_t kMaxEdges = 1000;  // a vote of so many is sharp enough to tell where to look
   const Sequence& sequence = source.sequence();
@@ -58,7 +57,8 @@ absl::StatusOr<std::vector<float>> VotesForShifts(const FrameSource& source, con
       held = color;
     }
     for (size_t e = 0; e < edge_count; ++e) {
-      const DepthEdge& edge = key.edges[e * every];
+      const DepthEdge edge =
+          Registered(key.edges[e * every], registration, sequence.camera.width, sequence.camera.height);
       const MovingPicture::Moved moved = picture.Move(edge, apart_ms);
       if (!picture.Contains(moved.x, moved.y, 3)) continue;
       float best = 0;
@@ -122,149 +122,21 @@ Line FindLine(const std::vector<std::vector<float>>& votes, const std::vector<do
 
 // ---- Fit ------------------------------------------------------------------------------------------------------------
 
-// What the distance from a depth edge to its colour edge along the normal, in pixels, is a sum of.
-enum Cause {
-  kMiddle,   // milliseconds by which the depth frame is later than thought, in the middle of the clip
-  kGrowth,   // how much later at its end
-  kRows,     // the same milliseconds, from the middle row to the last
-  kOutside,  // pixels that depth edges lie outside of objects
-  kRight,    // pixels that the depth image is shifted
-  kDown,
-  kCauses
-};
-using Causes = Eigen::Matrix<double, kCauses, 1>;
-using Normal = Eigen::Matrix<double, kCauses, kCauses>;
-
-constexpr float kReachPx = 6.0F, kSampleStepPx = 0.5F;
-constexpr int kSamples = 2 * static_cast<int>(kReachPx / kSampleStepPx) + 1;
-
-// One depth edge: how far each cause moves it, and where along its normal colour changes.
-struct Comparison {
-  Causes causes;
-  std::array<float, kSamples> share;  // of all change there, for each place; sums to less than 1
-};
-
-absl::StatusOr<std::vector<Comparison>> Compare(const FrameSource& source, const KeyEdges& key, double shift_ms) {
+absl::StatusOr<Comparisons> Compare(const FrameSource& source, const KeyEdges& key, double shift_ms,
+                                    const Registration& registration) {
   constexpr DenseFlowOptions kFlow{.finest_scale = 0};
-  constexpr size_t kMaxEdges = 1500;  // neighbours tell nearly the same
   const Sequence& sequence = source.sequence();
   const int64_t time = sequence.depth[key.depth_index].time_ns + std::llround(1e6 * shift_ms);
   const int color = NearestColor(sequence, time);
   const double apart_ms = Milliseconds(sequence.color[color].time_ns - time);
-  std::vector<Comparison> comparisons;
-  if (key.edges.empty() || std::abs(apart_ms) > Milliseconds(MedianPeriodNs(sequence.color))) return comparisons;
+  if (key.edges.empty() || std::abs(apart_ms) > Milliseconds(MedianPeriodNs(sequence.color))) return Comparisons();
   ASSIGN_OR_RETURN(const MovingPicture picture, ColorReader(source).Read(color, kFlow));
-  const size_t every = key.edges.size() / kMaxEdges + 1;
-  const double half_height = 0.5 * (sequence.camera.height - 1);
-  for (size_t e = 0; e < key.edges.size(); e += every) {
-    const DepthEdge& edge = key.edges[e];
-    const MovingPicture::Moved moved = picture.Move(edge, apart_ms);
-    if (!picture.Contains(moved.x, moved.y, kReachPx + 1)) continue;
-    const double nx = edge.normal_x, ny = edge.normal_y, speed = moved.velocity_x * nx + moved.velocity_y * ny;
-    Comparison comparison;
-    comparison.causes << -speed, -speed * key.place, -speed * (moved.y - half_height) / half_height, -1, -nx, -ny;
-    float sum = kSamples * kNoiseContrast2 / 4;
-    for (int i = 0; i < kSamples; ++i) {
-      const float m = kSampleStepPx * static_cast<float>(i) - kReachPx;
-      comparison.share[i] =
-          picture.Contrast2(moved.x + m * edge.normal_x, moved.y + m * edge.normal_y, edge.normal_x, edge.normal_y);
-      sum += comparison.share[i];
-    }
-    for (float& share : comparison.share) share /= sum;
-    comparisons.push_back(comparison);
-  }
-  return comparisons;
-}
-
-// The normal equations of one step of mean shift: each edge is drawn to the changes of colour within `radius_px` of
-// where `causes` puts it.
-struct Sums {
-  Normal normal = Normal::Zero();
-  Causes right = Causes::Zero();
-};
-Sums Gather(const std::vector<Comparison>& comparisons, const Causes& causes, float radius_px) {
-  Sums sums;
-  for (const Comparison& comparison : comparisons) {
-    const auto expected = static_cast<float>(comparison.causes.dot(causes));
-    float weight = 0, moment = 0;
-    for (int i = 0; i < kSamples; ++i) {
-      const float m = kSampleStepPx * static_cast<float>(i) - kReachPx, off = (m - expected) / radius_px;
-      const float inside = std::max(0.0F, 1 - off * off), share = comparison.share[i] * inside * inside;
-      weight += share, moment += share * m;
-    }
-    sums.normal += weight * comparison.causes * comparison.causes.transpose();
-    sums.right += static_cast<double>(moment) * comparison.causes;
-  }
-  return sums;
-}
-
-using Keys = std::vector<std::vector<Comparison>>;
-
-// Runs of neighbouring keys that the spread of the estimate is taken from: neighbours see the same things.
-constexpr int kGroups = 12;
-
-struct FitOptions {
-  bool growth = true;  // else kGrowth stays 0
-  int left_out = -1;   // a group, or -1
-  int threads = 1;
-};
-
-// Leaves the normal matrix of the last step in `normal`, if asked for.
-Causes Fit(const Keys& keys, Causes causes, const std::vector<float>& radii_px, const FitOptions& options,
-           Normal* normal = nullptr) {
-  constexpr int kMaxSteps = 40;
-  constexpr double kSettled = 1e-3;  // milliseconds and pixels
-  std::vector<Sums> sums(keys.size());
-  for (const float radius : radii_px)
-    for (int step = 0; step < kMaxSteps; ++step) {
-      ParallelFor(static_cast<int>(keys.size()), options.threads,
-                  [&](int k) { sums[k] = Gather(keys[k], causes, radius); });
-      Sums all;
-      for (size_t k = 0; k < keys.size(); ++k)
-        if (static_cast<int>(k * kGroups / keys.size()) != options.left_out)
-          all.normal += sums[k].normal, all.right += sums[k].right;
-      // So little that it decides only what no edge tells: that stays near 0.
-      all.normal.diagonal().array() += 1e-6;
-      if (!options.growth) {
-        all.normal.row(kGrowth).setZero(), all.normal.col(kGrowth).setZero();
-        all.normal(kGrowth, kGrowth) = 1, all.right(kGrowth) = 0;
-      }
-      const Causes before = causes;
-      causes = all.normal.fullPivLu().solve(all.right);
-      if (normal != nullptr) *normal = all.normal;
-      if ((causes - before).cwiseAbs().maxCoeff() < kSettled) break;
-    }
-  return causes;
-}
-
-// Pixels. Wide at first, so that the search need not have been exact; then narrow, so that the edge itself counts and
-// not the texture around it.
-const std::vector<float> radii_px = {6, 4, 2.5};
-
-struct Fitted {
-  Causes causes;
-  Normal covariance;
-};
-Fitted FitWithCovariance(const Keys& keys, FitOptions options) {
-  Fitted fitted;
-  Normal normal;
-  fitted.causes = Fit(keys, Causes::Zero(), radii_px, options, &normal);
-  std::array<Causes, kGroups> without;
-  Causes mean = Causes::Zero();
-  for (int g = 0; g < kGroups; ++g) {
-    options.left_out = g;
-    without[g] = Fit(keys, fitted.causes, {radii_px.back()}, options);
-    mean += without[g] / kGroups;
-  }
-  fitted.covariance.setZero();
-  for (const Causes& causes : without)
-    fitted.covariance += (kGroups - 1.0) / kGroups * (causes - mean) * (causes - mean).transpose();
-  // Where nothing moves, all groups may agree on nothing: one edge is told to about a pixel, and no estimate is better
-  // than many of them together.
-  constexpr double kVariancePerEdge = 1.0;
-  fitted.covariance += kVariancePerEdge * normal.inverse();
-  if (!options.growth) fitted.covariance.row(kGrowth).setZero(), fitted.covariance.col(kGrowth).setZero();
-  return fitted;
+  return CompareEdges(picture, key.edges,
+                      {.apart_ms = apart_ms,
+                       .place = key.place,
+                       .width = sequence.camera.width,
+                       .height = sequence.camera.height,
+                       .registration = registration});
 }
 
 // A drift known no better than this is not known: crystals are within a few hundred of one another, and cameras that
@@ -272,6 +144,9 @@ Fitted FitWithCovariance(const Keys& keys, FitOptions options) {
 constexpr double kTellingDriftPpm = 1000.0;
 
 // ---- All together ---------------------------------------------------------------------------------------------------
+
+// Depth frames that are searched in time, which is the dearest part: each looks at four periods of depth. And in place.
+constexpr int kMaxSearchedInTime = 48, kMaxSearchedInPlace = 24;
 
 std::vector<int> Spread(int count, int wanted) {
   const int n = std::min(count, wanted);
@@ -335,13 +210,14 @@ absl::StatusOr<std::vector<KeyEdges>> ReadKeyEdges(const FrameSource& source, co
 
 // The line of shifts that most of the `searched` keys vote for, to a step of the search.
 absl::StatusOr<Line> SearchLine(const FrameSource& source, const std::vector<KeyEdges>& keys,
-                                const std::vector<int>& searched, const Span& span, Counter& counter) {
+                                const std::vector<int>& searched, const Registration& registration, const Span& span,
+                                Counter& counter) {
   // An edge must not jump over another from one shift to the next: eight steps between depth frames at least.
   const double step_ms = std::min(span.color_ms, span.depth_ms / 8);
   const ShiftGrid grid{.step_ms = step_ms, .half = static_cast<int>(std::lround(2 * span.depth_ms / step_ms))};
   std::vector<std::vector<float>> votes(searched.size());
   RETURN_IF_ERROR(counter.For(static_cast<int>(searched.size()), [&](int i) -> absl::Status {
-    ASSIGN_OR_RETURN(votes[i], VotesForShifts(source, keys[searched[i]], grid));
+    ASSIGN_OR_RETURN(votes[i], VotesForShifts(source, keys[searched[i]], grid, registration));
     return absl::OkStatus();
   }));
   std::vector<double> places;
@@ -351,11 +227,62 @@ absl::StatusOr<Line> SearchLine(const FrameSource& source, const std::vector<Key
   return FindLine(votes, places, grid, kMaxDrift * span.half_ms);
 }
 
-absl::StatusOr<Keys> CompareAll(const FrameSource& source, const std::vector<KeyEdges>& keys, const Line& line,
-                                Counter& counter) {
-  Keys comparisons(keys.size());
+// The registration under which most edges of the `searched` keys meet those of the colour frames that `line` says.
+absl::StatusOr<RegistrationSearch> SearchPlace(const FrameSource& source, const std::vector<KeyEdges>& keys,
+                                               const std::vector<int>& searched, const Line& line, double reference_m,
+                                               int threads, Counter& counter) {
+  constexpr size_t kMaxEdges = 6000;  // of all keys: a vote of so many is sharp enough
+  const Sequence& sequence = source.sequence();
+  std::vector<EdgeScene> scenes(searched.size());
+  RETURN_IF_ERROR(counter.For(static_cast<int>(searched.size()), [&](int i) -> absl::Status {
+    const KeyEdges& key = keys[searched[i]];
+    const int64_t time = sequence.depth[key.depth_index].time_ns + std::llround(1e6 * line.At(key.place));
+    ASSIGN_OR_RETURN(const Image<Rgb8> color, source.Color(NearestColor(sequence, time)));
+    scenes[i] = EdgeScene(color, key.edges, kMaxEdges / searched.size() + 1);
+    return absl::OkStatus();
+  }));
+  return SearchRegistration(scenes, reference_m, threads);
+}
+
+// When and where depth frames belong, to a step of the searches.
+struct Place {
+  Line line;
+  RegistrationSearch registration;
+};
+
+// An error of time looks like one of place and the other way round, wherever things move. So both are tried first, and
+// the one under which more edges meet is the answer; two of them where the images bear out both.
+absl::StatusOr<std::vector<Place>> SearchBoth(const FrameSource& source, const std::vector<KeyEdges>& keys,
+                                              const Span& span, int threads, Counter& counter) {
+  const int count = static_cast<int>(keys.size());
+  const std::vector<int> in_time = Spread(count, kMaxSearchedInTime), in_place = Spread(count, kMaxSearchedInPlace);
+  std::vector<DepthEdge> edges;
+  for (const KeyEdges& key : keys) edges.insert(edges.end(), key.edges.begin(), key.edges.end());
+  const double reference_m = MedianNearM(edges);
+  const auto place_at = [&](const Line& line) {
+    return SearchPlace(source, keys, in_place, line, reference_m, threads, counter);
+  };
+  ASSIGN_OR_RETURN(const RegistrationSearch place_first, place_at(Line()));
+  std::vector<Place> places(place_first.best.IsIdentity() ? 1 : 2);
+  for (size_t i = 0; i < places.size(); ++i) {
+    const Registration start = i == 0 ? place_first.best : Registration{.reference_m = reference_m};
+    ASSIGN_OR_RETURN(places[i].line, SearchLine(source, keys, in_time, start, span, counter));
+    ASSIGN_OR_RETURN(places[i].registration, place_at(places[i].line));
+  }
+  if (places.size() == 1) return places;
+  if (places[1].registration.met > places[0].registration.met) std::swap(places[0], places[1]);
+  constexpr double kAsGood = 0.95;
+  const bool same = std::abs(places[0].line.middle_ms - places[1].line.middle_ms) <= span.color_ms;
+  if (same || places[1].registration.met < kAsGood * places[0].registration.met) places.pop_back();
+  return places;
+}
+
+absl::StatusOr<std::vector<Comparisons>> CompareAll(const FrameSource& source, const std::vector<KeyEdges>& keys,
+                                                    const Line& line, const Registration& registration,
+                                                    Counter& counter) {
+  std::vector<Comparisons> comparisons(keys.size());
   RETURN_IF_ERROR(counter.For(static_cast<int>(keys.size()), [&](int k) -> absl::Status {
-    ASSIGN_OR_RETURN(comparisons[k], Compare(source, keys[k], line.At(keys[k].place)));
+    ASSIGN_OR_RETURN(comparisons[k], Compare(source, keys[k], line.At(keys[k].place), registration));
     return absl::OkStatus();
   }));
   return comparisons;
@@ -366,7 +293,7 @@ constexpr double kSignificant = 3.0;
 
 // Writes the clock that shifts stamps by `line` and by what was fitted beyond it: a corrected stamp is
 // stamp + middle + growth * place.
-void DescribeClock(const Line& line, double growth_ms, const Fitted& fitted, const Span& span, int height,
+void DescribeClock(const Line& line, double growth_ms, const EdgeFit& fitted, const Span& span, int height,
                    ClockEstimate& estimate) {
   const double middle_ms = line.middle_ms + fitted.causes(kMiddle);
   const auto sigma_at = [&](double place) {
@@ -428,18 +355,28 @@ absl::StatusOr<ClockEstimate> EstimateClock(const FrameSource& source, const Syn
   const Span span(sequence);
   const std::vector<int> picked = Spread(depth_count, options.max_keys);
   const int count = static_cast<int>(picked.size());
-  constexpr int kMaxSearched = 48;  // each looks at four periods of depth: the search is the dearest part
-  const std::vector<int> searched = Spread(count, kMaxSearched);
   constexpr int kRounds = 3;  // of comparing; the last only where there is no drift
-  Counter counter(options, (1 + kRounds) * count + static_cast<int>(searched.size()));
+  const int in_time = std::min(count, kMaxSearchedInTime), in_place = std::min(count, kMaxSearchedInPlace);
+  // At most: the second look in time and place is taken where the first finds depth elsewhere.
+  Counter counter(options, (1 + kRounds) * count + 2 * in_time + 3 * in_place);
 
   ASSIGN_OR_RETURN(const std::vector<KeyEdges> keys, ReadKeyEdges(source, picked, span, counter));
-  ASSIGN_OR_RETURN(Line line, SearchLine(source, keys, searched, span, counter));
+  ASSIGN_OR_RETURN(const std::vector<Place> places, SearchBoth(source, keys, span, options.threads, counter));
+  if (places.size() > 1) {
+    estimate.reason = absl::StrFormat(
+        "the images are explained as well by stamps that are %.1f ms off as by %.1f ms with depth beside colour",
+        places[0].line.middle_ms, places[1].line.middle_ms);
+    return estimate;
+  }
+  Line line = places.front().line;
+  Registration registration = places.front().registration.best;
   // Colour frames are looked up anew where the first fit puts the keys.
-  ASSIGN_OR_RETURN(Keys comparisons, CompareAll(source, keys, line, counter));
-  const Causes first_fit = Fit(comparisons, Causes::Zero(), radii_px, {.threads = options.threads});
+  EdgeFitOptions fit{.threads = options.threads};
+  ASSIGN_OR_RETURN(std::vector<Comparisons> comparisons, CompareAll(source, keys, line, registration, counter));
+  const Causes first_fit = FitCauses(comparisons, fit);
   line = {line.middle_ms + first_fit(kMiddle), line.growth_ms + first_fit(kGrowth)};
-  ASSIGN_OR_RETURN(comparisons, CompareAll(source, keys, line, counter));
+  registration = Corrected(registration, first_fit, sequence.camera.width);
+  ASSIGN_OR_RETURN(comparisons, CompareAll(source, keys, line, registration, counter));
   for (const auto& of_key : comparisons) {
     estimate.keys += of_key.empty() ? 0 : 1;
     estimate.edges += static_cast<int64_t>(of_key.size());
@@ -448,15 +385,16 @@ absl::StatusOr<ClockEstimate> EstimateClock(const FrameSource& source, const Syn
     estimate.reason = "no depth frame has an edge that colour shows too";
     return estimate;
   }
-  Fitted fitted = FitWithCovariance(comparisons, {.threads = options.threads});
+  EdgeFit fitted = FitWithCovariance(comparisons, fit);
   // The drift of real clocks is told apart from none, or taken for none: over a short clip it would be anything.
   const double growth_sigma_ms = std::sqrt(fitted.covariance(kGrowth, kGrowth));
   estimate.drift_sigma_ppm = 1e6 * growth_sigma_ms / span.half_ms;
   double growth_ms = line.growth_ms + fitted.causes(kGrowth);
   if (!(std::abs(growth_ms) > kSignificant * growth_sigma_ms && estimate.drift_sigma_ppm < kTellingDriftPpm)) {
     line.growth_ms = growth_ms = 0;
-    ASSIGN_OR_RETURN(comparisons, CompareAll(source, keys, line, counter));
-    fitted = FitWithCovariance(comparisons, {.growth = false, .threads = options.threads});
+    fit.sigma(kGrowth) = 0;
+    ASSIGN_OR_RETURN(comparisons, CompareAll(source, keys, line, registration, counter));
+    fitted = FitWithCovariance(comparisons, fit);
   }
   DescribeClock(line, growth_ms, fitted, span, sequence.camera.height, estimate);
   estimate.reason = WhyUnusable(estimate, span, sequence.camera.height);

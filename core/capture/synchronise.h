@@ -3,9 +3,9 @@
 // An edge of a depth frame lies where the colour frame of the same instant has one too. At any other instant the edge
 // has moved on: by its speed times the error of the stamp. So the distance from depth edges to colour edges, along the
 // edges' normals and over their speeds, tells the error. First the clip is searched for the offset and drift under
-// which most edges meet. Then the distances are fitted, robustly, together with all else that moves edges apart: a
-// shift of the whole depth image, depth edges that lie outside (or inside) of objects, and rows of colour that are
-// exposed one after another.
+// which most edges meet, and for how depth lies beside colour, since an error of place looks like one of time. Then the
+// distances are fitted, robustly, together with all else that moves edges apart (edge_fit.h): a wrong registration,
+// depth edges that lie outside (or inside) of objects, and rows of colour that are exposed one after another.
 //
 // Where neither objects nor camera move, nothing can be told, and that is said.
 #ifndef DEPTHTWEEN_CORE_CAPTURE_SYNCHRONISE_H_

@@ -50,6 +50,13 @@ const OptionMembers<UpsampleOptions>& UpsampleMembers() {
                              "gains, in ppm",
                          .placeholder = "stamps|index|estimate|MS[,PPM]",
                          .check = CheckClock})
+        .Add<&O::registration>({.name = "register",
+                                .help =
+                                    "What to do about depth that lies beside colour in the image, which is measured "
+                                    "and said in any case: none (take it as it lies) or estimate (move it, where the "
+                                    "images tell shift, scale and parallax)",
+                                .placeholder = "none|estimate",
+                                .words = {"none", "estimate"}})
         .Add<&O::scene_flow>({.name = "scene_flow",
                               .help =
                                   "Also compute the 3-D motion of every frame to the next, from its depth and motion: "

@@ -31,7 +31,8 @@ inline constexpr int kMaxThreads = 1024;
 struct UpsampleOptions {
   std::string method = "ours";
   int key_every = 1;
-  std::string clock = "stamps";  // see ClockChoice (core/sequence/clock.h)
+  std::string clock = "stamps";       // see ClockChoice (core/sequence/clock.h)
+  std::string registration = "none";  // option "register": none or estimate, see core/capture/register.h
   bool scene_flow = false;
   // Of method "ours" alone.
   std::string preset = "balanced";

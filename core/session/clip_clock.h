@@ -1,4 +1,4 @@
-// Which clock the depth frames of a clip are taken by, and the recording as an upsampling sees it.
+// Which clock the depth frames of a clip are taken by, and the list of frames as an upsampling sees it.
 #ifndef DEPTHTWEEN_CORE_SESSION_CLIP_CLOCK_H_
 #define DEPTHTWEEN_CORE_SESSION_CLIP_CLOCK_H_
 
@@ -42,21 +42,6 @@ Sequence ByStamps(const Sequence& recording, const ClipClock& clock);
 
 // The recording as an upsampling sees it: by stamps or by index, with every `key_every`-th depth frame kept.
 Sequence InputOf(const Sequence& recording, const ClipClock& clock, int key_every);
-
-// The same as a source of frames. Borrows `recording`.
-class ClipSource : public FrameSource {
- public:
-  ClipSource(const FrameSource& recording, const ClipClock& clock, int key_every)
-      : recording_(recording), key_every_(key_every), sequence_(InputOf(recording.sequence(), clock, key_every)) {}
-  const Sequence& sequence() const override { return sequence_; }
-  absl::StatusOr<Image<Rgb8>> Color(int index) const override { return recording_.Color(index); }
-  absl::StatusOr<Image<float>> Depth(int index) const override { return recording_.Depth(index * key_every_); }
-
- private:
-  const FrameSource& recording_;
-  const int key_every_;
-  const Sequence sequence_;
-};
 
 }  // namespace depthtween
 

@@ -93,7 +93,7 @@ DepthResult AsStored(DepthResult result, double depth_scale) {
 
 absl::StatusOr<ClipScores> ScoreMethods(const SequenceFolder& reference, ClipTruth truth,
                                         std::span<const ScoredMethod> methods, const ScoringOptions& options) {
-  const ClipSource keys(reference, options.clock, options.key_every);
+  const ClipSource keys(reference, options.alignment, options.key_every);
   const Sequence& sequence = keys.sequence();
   const bool one_by_one =
       std::all_of(methods.begin(), methods.end(), [](const ScoredMethod& method) { return method.any_frame; });

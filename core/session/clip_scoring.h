@@ -29,7 +29,7 @@ struct ScoredMethod {
 };
 
 struct ScoringOptions {
-  ClipClock clock;
+  ClipAlignment alignment;
   int key_every = 1;
   ClipConstants constants;
   int threads = 1;  // does not change the numbers. >= 1

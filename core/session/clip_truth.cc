@@ -27,14 +27,15 @@ TruthFrame FrameTruth::View() const {
           .unseen = unseen};
 }
 
-absl::StatusOr<ClipTruth> ClipTruth::Open(const SequenceFolder& folder, const ClipClock& clock, int key_every,
+absl::StatusOr<ClipTruth> ClipTruth::Open(const SequenceFolder& folder, const ClipAlignment& alignment, int key_every,
                                           Kind kind) {
+  const ClipClock& clock = alignment.clock;
   const Sequence sequence = ByStamps(folder.sequence(), clock);
   const Sequence keys = InputOf(folder.sequence(), clock, key_every);
   const int64_t first_ns = keys.depth.front().time_ns, last_ns = keys.depth.back().time_ns;
   const auto between_keys = [&](int64_t time_ns) { return time_ns > first_ns && time_ns < last_ns; };
 
-  ClipTruth truth(folder);
+  ClipTruth truth(folder, alignment.registration);
   truth.at_key_time_.assign(sequence.color.size(), false);
   for (const FrameRef& key : keys.depth) {
     const int color = NearestColorFrame(sequence, key.time_ns);
@@ -130,7 +131,8 @@ absl::StatusOr<FrameTruth> ClipTruth::Read(int color_index, const std::stop_toke
                    .hidden_in_next = hidden_.Clone(),
                    .unseen = unseen_.Clone()};
   if (ref->depth >= 0) {
-    ASSIGN_OR_RETURN(truth.depth_m, folder_->Depth(ref->depth));
+    ASSIGN_OR_RETURN(Image<float> left_out, folder_->Depth(ref->depth));
+    truth.depth_m = Align(std::move(left_out), registration_);
   } else {
     ASSIGN_OR_RETURN(const Image<uint16_t> units, ReadPng16(ref->path));
     truth.depth_m = DequantiseRecordedDepth(units, folder_->sequence().depth_scale);

@@ -15,7 +15,7 @@
 #include "core/io/flow_png.h"
 #include "core/io/sequence_folder.h"
 #include "core/metrics/comparison.h"
-#include "core/session/clip_clock.h"
+#include "core/session/clip_alignment.h"
 
 namespace depthtween {
 
@@ -32,10 +32,10 @@ class ClipTruth {
  public:
   enum class Kind { kBest, kLeftOutDepth };
 
-  // `folder` must outlive it. Left-out depth maps are placed in time by `clock`; pairing by index is no clock: where it
+  // `folder` must outlive it. Left-out depth maps are placed by `alignment`; but pairing by index is no clock: where it
   // says that a map belongs is what is to be judged, so the stamps place it. FailedPrecondition says why when no frame
   // strictly between the first and the last key has truth. kLeftOutDepth looks at no gt/depth.
-  static absl::StatusOr<ClipTruth> Open(const SequenceFolder& folder, const ClipClock& clock, int key_every,
+  static absl::StatusOr<ClipTruth> Open(const SequenceFolder& folder, const ClipAlignment& alignment, int key_every,
                                         Kind kind = Kind::kBest);
 
   // "gt/depth" or "left-out depth maps".
@@ -62,11 +62,13 @@ class ClipTruth {
     std::string path;  // gt/depth of this frame
   };
 
-  explicit ClipTruth(const SequenceFolder& folder) : folder_(&folder) {}
+  ClipTruth(const SequenceFolder& folder, const Registration& registration)
+      : folder_(&folder), registration_(registration) {}
   // Goes on to the next colour frame.
   absl::Status Advance();
 
   const SequenceFolder* folder_;
+  Registration registration_;  // of left-out depth maps
   std::string kind_;
   std::vector<Ref> refs_;
   std::vector<std::string> notes_;

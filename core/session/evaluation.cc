@@ -49,7 +49,7 @@ absl::StatusOr<ResultFolder> OpenResult(const std::string& dir) {
 struct ResultFacts {
   std::string method;
   int key_every = 1;
-  ClipClock clock;
+  ClipAlignment alignment;
 };
 
 absl::StatusOr<ResultFacts> ReadFacts(const ResultFolder& result) {
@@ -62,9 +62,10 @@ absl::StatusOr<ResultFacts> ReadFacts(const ResultFolder& result) {
         result.dir()));
   ResultFacts facts{.method = method->get<std::string>(), .key_every = key_every->get<int>()};
   try {
-    facts.clock = ClockOf(result.report());
+    facts.alignment = AlignmentOf(result.report());
   } catch (const json::exception& error) {
-    return absl::InvalidArgumentError(absl::StrCat(result.dir(), "/report.json: clock: ", error.what()));
+    return absl::InvalidArgumentError(
+        absl::StrCat(result.dir(), "/report.json: clock or registration: ", error.what()));
   }
   return facts;
 }
@@ -76,7 +77,7 @@ absl::StatusOr<Evaluation> Evaluate(const EvaluationOptions& options) {
   ASSIGN_OR_RETURN(const ResultFacts facts, ReadFacts(result));
   ASSIGN_OR_RETURN(const std::unique_ptr<SequenceFolder> reference, SequenceFolder::Open(options.reference_dir));
   ASSIGN_OR_RETURN(const std::vector<int> matches, MatchFrames(result, *reference));
-  ASSIGN_OR_RETURN(ClipTruth truth, ClipTruth::Open(*reference, facts.clock, facts.key_every));
+  ASSIGN_OR_RETURN(ClipTruth truth, ClipTruth::Open(*reference, facts.alignment, facts.key_every));
   const int missing = truth.Keep([&](int color) { return matches[color] >= 0; });
   if (truth.Frames().empty())
     return absl::FailedPreconditionError(absl::StrFormat(
@@ -95,7 +96,7 @@ absl::StatusOr<Evaluation> Evaluate(const EvaluationOptions& options) {
   }
 
   ASSIGN_OR_RETURN(ClipScores scores, ScoreMethods(*reference, std::move(truth), methods,
-                                                   {.clock = facts.clock,
+                                                   {.alignment = facts.alignment,
                                                     .key_every = facts.key_every,
                                                     .threads = options.threads,
                                                     .stop = options.stop,

@@ -50,7 +50,7 @@ absl::Status UpsampleForRender(const SequenceFolder& recording, const ClipRender
   options.keep_motion = true;
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(options));
   ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(recording, options, stop));
-  const ClipSource source(recording, plan.clock, options.key_every);
+  const ClipSource source(recording, plan.alignment, options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(result, source.sequence(), true));
   ASSIGN_OR_RETURN(json self_check, order.self_check(recording));
   const std::unique_ptr<RunObserver> observer = order.observe(plan);
@@ -83,7 +83,7 @@ absl::StatusOr<ClipRendered> RenderClip(const ClipRender& order, std::stop_token
   }
   ASSIGN_OR_RETURN(const FinishedClip clip, OpenFinishedClip(result, sequence));
   ASSIGN_OR_RETURN(const auto renderer,
-                   Renderer::Create(options, {clip.recording.get(), result, clip.constants}, "options"));
+                   ClipRenderer::Create(options, {clip.recording.get(), result, clip.constants}, "options"));
   ClipRendered rendered{.frames = clip.frame_count()};
   ASSIGN_OR_RETURN(rendered.files, FilesToWrite(order, clip.input));
   std::optional<PictureVideos> videos;

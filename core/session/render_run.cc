@@ -141,7 +141,7 @@ FocusPoint FocusFromJson(const json& value) {
 }
 
 // What both products do alike: the window, the neighbours, the time.
-class WindowRenderer : public Renderer {
+class WindowRenderer : public ClipRenderer {
  public:
   WindowRenderer(RenderInput input, int reach) : input_(std::move(input)), reach_(reach) {}
 
@@ -393,8 +393,8 @@ absl::Status CheckRender(const RenderOptions& options, const Sequence& sequence,
   return stereo == nullptr ? absl::OkStatus() : Geometry(*stereo, sequence, constants, path).status();
 }
 
-absl::StatusOr<std::unique_ptr<Renderer>> Renderer::Create(const RenderOptions& options, const RenderInput& input,
-                                                           const std::string& path) {
+absl::StatusOr<std::unique_ptr<ClipRenderer>> ClipRenderer::Create(const RenderOptions& options,
+                                                                   const RenderInput& input, const std::string& path) {
   const Sequence& sequence = input.recording->sequence();
   ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(options, sequence, path));
   if (const auto* blur = std::get_if<DepthOfFieldRender>(&options.product)) {

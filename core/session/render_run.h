@@ -66,13 +66,13 @@ absl::StatusOr<RenderPart> ParseRenderPart(std::string_view json);
 using PictureSink = std::function<absl::Status(int frame, std::vector<Image<Rgb8>> pictures)>;
 
 // One render of one clip. Threads: one at a time.
-class Renderer {
+class ClipRenderer {
  public:
   // Decides what holds for the whole clip. `path` is where the options stand, for errors about them: InvalidArgument
   // with the field when they do not fit this clip. Borrows `input.recording`.
-  static absl::StatusOr<std::unique_ptr<Renderer>> Create(const RenderOptions& options, const RenderInput& input,
-                                                          const std::string& path);
-  virtual ~Renderer() = default;
+  static absl::StatusOr<std::unique_ptr<ClipRenderer>> Create(const RenderOptions& options, const RenderInput& input,
+                                                              const std::string& path);
+  virtual ~ClipRenderer() = default;
 
   // Renders frames [first, first + count). `near` may hold a part right before or after them, which saves following the
   // focus from its start. Errors: NotFound if one of these frames is not in the result; a neighbour that is missing is
@@ -156,7 +156,7 @@ struct ClipRendered {
   double seconds = 0.0;    // wall time
   double video_fps = 0.0;  // of videos, as they are shown
   std::string encoder;     // of videos
-  std::string report;      // Renderer::Report as text
+  std::string report;      // ClipRenderer::Report as text
 };
 
 // Finds what is wrong with the order before it computes anything. The result of a recording is temporary, beside `out`.

@@ -51,9 +51,9 @@ absl::Status RenderOneFrame(const Task& task) {
   ASSIGN_OR_RETURN(const TaskInput input, OpenInput(arguments));
   ASSIGN_OR_RETURN(const ClipPlan clip, ReadClipPlan(arguments, input));
   ASSIGN_OR_RETURN(const RenderOptions options, ParseRender(input.render, "render"));
-  const ClipSource source(*input.recording, clip.clock, input.options.key_every);
+  const ClipSource source(*input.recording, clip.alignment, input.options.key_every);
   ASSIGN_OR_RETURN(const auto renderer,
-                   Renderer::Create(options, GrowingResult(source, arguments.result, clip, task), "render"));
+                   ClipRenderer::Create(options, GrowingResult(source, arguments.result, clip, task), "render"));
   std::vector<Image<Rgb8>> rendered;
   const auto sink = [&](int, std::vector<Image<Rgb8>> pictures) {
     rendered = std::move(pictures);
@@ -78,11 +78,11 @@ absl::Status RenderTask(const Task& task) {
     return absl::InvalidArgumentError(absl::StrCat("--render ", arguments.render, ": the options have no such render"));
   const std::string path = RenderPath(static_cast<size_t>(options - input.renders.begin()));
   RETURN_IF_ERROR(CheckIntervals(clip.intervals.size(), arguments.first, arguments.count));
-  const ClipSource source(*input.recording, clip.clock, input.options.key_every);
+  const ClipSource source(*input.recording, clip.alignment, input.options.key_every);
   const Sequence& sequence = source.sequence();
   ASSIGN_OR_RETURN(const RenderPlan plan, PlanRender(*options, sequence, path));
   ASSIGN_OR_RETURN(const auto renderer,
-                   Renderer::Create(*options, GrowingResult(source, arguments.result, clip, task), path));
+                   ClipRenderer::Create(*options, GrowingResult(source, arguments.result, clip, task), path));
   ASSIGN_OR_RETURN(const PictureFolders folders, PictureFolders::Create(arguments.out, *options, plan));
   // Where the pieces beside this one left the focus, if they are there.
   const auto read_part = [&](int interval) -> std::optional<RenderPart> {
@@ -124,7 +124,7 @@ absl::Status RenderFrameTask(const Task& task) {
 
 absl::StatusOr<json> AssembleRenders(const Task& task, const TaskInput& input, const ClipPlan& clip) {
   const std::string& dir = task.arguments.out;
-  const ClipSource source(*input.recording, clip.clock, input.options.key_every);
+  const ClipSource source(*input.recording, clip.alignment, input.options.key_every);
   json reports = json::array();
   for (size_t i = 0; i < input.renders.size(); ++i) {
     const RenderOptions& options = input.renders[i];
@@ -137,7 +137,7 @@ absl::StatusOr<json> AssembleRenders(const Task& task, const TaskInput& input, c
     }
     task.progress({{"stage", "assemble " + options.name}, {"interval", 0}});
     RETURN_IF_ERROR(AssembleVideos(dir, options, plan, source.sequence(), task.stop, [&](int) { task.alive(); }));
-    ASSIGN_OR_RETURN(const auto renderer, Renderer::Create(options, {&source, dir, clip.constants}, RenderPath(i)));
+    ASSIGN_OR_RETURN(const auto renderer, ClipRenderer::Create(options, {&source, dir, clip.constants}, RenderPath(i)));
     json report = renderer->Report(parts);
     double seconds = 0;
     for (const RenderPart& part : parts) seconds += part.seconds;

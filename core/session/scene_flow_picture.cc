@@ -8,13 +8,13 @@
 namespace depthtween {
 namespace {
 
-constexpr Rgb8 kUnknown = {48, 48, 48};
-constexpr int kGap = 4;  // pixels between pictures
+constexpr Rgb8 kUnknownMotion = {48, 48, 48};
+constexpr int kBetweenPictures = 4;  // pixels between pictures
 
 uint8_t Level(float share) { return static_cast<uint8_t>(std::lround(255.0F * std::clamp(share, 0.0F, 1.0F))); }
 
 Image<Rgb8> Colorize(ImageView<const uint8_t> valid, const std::function<Rgb8(int, int)>& color) {
-  Image<Rgb8> out(valid.width(), valid.height(), kUnknown);
+  Image<Rgb8> out(valid.width(), valid.height(), kUnknownMotion);
   for (int y = 0; y < valid.height(); ++y)
     for (int x = 0; x < valid.width(); ++x)
       if (valid(x, y) != 0) out(x, y) = color(x, y);
@@ -52,7 +52,7 @@ Image<Rgb8> ColorizeDepthChange(const MotionField& motion, float full_m) {
 
 Image<Rgb8> ColorizeMotionError(const MotionField& estimate, const MotionField& truth, float full_m) {
   return Colorize(truth.valid, [&](int x, int y) {
-    if (estimate.valid(x, y) == 0) return kUnknown;
+    if (estimate.valid(x, y) == 0) return kUnknownMotion;
     const Float3 a = estimate.motion_m(x, y), b = truth.motion_m(x, y);
     const float share = Norm({a.x - b.x, a.y - b.y, a.z - b.z}) / full_m;
     return Rgb8{Level(2.0F * share), Level(2.0F * share - 0.7F), Level(3.0F * share - 2.0F)};
@@ -83,11 +83,13 @@ Image<Rgb8> Tile(std::span<const std::vector<Image<Rgb8>>> rows) {
   assert(!rows.empty() && !rows[0].empty());
   const int width = rows[0][0].width(), height = rows[0][0].height();
   const int columns = static_cast<int>(rows[0].size()), lines = static_cast<int>(rows.size());
-  Image<Rgb8> out(columns * (width + kGap) - kGap, lines * (height + kGap) - kGap, {255, 255, 255});
+  Image<Rgb8> out(columns * (width + kBetweenPictures) - kBetweenPictures,
+                  lines * (height + kBetweenPictures) - kBetweenPictures, {255, 255, 255});
   for (int row = 0; row < lines; ++row)
     for (int column = 0; column < columns; ++column)
       for (int y = 0; y < height; ++y)
-        std::copy_n(rows[row][column].row(y), width, out.row(row * (height + kGap) + y) + column * (width + kGap));
+        std::copy_n(rows[row][column].row(y), width,
+                    out.row(row * (height + kBetweenPictures) + y) + column * (width + kBetweenPictures));
   return out;
 }
 

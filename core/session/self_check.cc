@@ -68,14 +68,14 @@ absl::StatusOr<SelfCheck> Measure(const SequenceFolder& recording, const Upsampl
                      if (on_item) on_item();
                    }));
   absl::StatusOr<ClipTruth> truth =
-      ClipTruth::Open(recording, plan.clock, halved.key_every, ClipTruth::Kind::kLeftOutDepth);
+      ClipTruth::Open(recording, plan.alignment, halved.key_every, ClipTruth::Kind::kLeftOutDepth);
   if (absl::IsFailedPrecondition(truth.status()))
     return SelfCheck{.reason = "no held-out depth frame is within 3 ms of a colour frame that could be compared"};
   RETURN_IF_ERROR(truth.status());
 
   // Depth maps that the upsampling itself does not take as input are no truth here either: the check would speak of
   // another gap.
-  const Sequence sequence = ByStamps(recording.sequence(), plan.clock);
+  const Sequence sequence = ByStamps(recording.sequence(), plan.alignment.clock);
   std::map<int, int> depth_at;  // by colour frame
   for (int d = options.key_every; d < static_cast<int>(sequence.depth.size()); d += halved.key_every)
     depth_at[NearestColorFrame(sequence, sequence.depth[d].time_ns)] = d;
@@ -95,7 +95,7 @@ absl::StatusOr<SelfCheck> Measure(const SequenceFolder& recording, const Upsampl
     methods.push_back({.name = name, .upsampler = baselines.back().get(), .any_frame = true});
   }
   ASSIGN_OR_RETURN(const ClipScores scores, ScoreMethods(recording, *std::move(truth), methods,
-                                                         {.clock = plan.clock,
+                                                         {.alignment = plan.alignment,
                                                           .key_every = halved.key_every,
                                                           .constants = plan.constants,
                                                           .threads = options.threads,

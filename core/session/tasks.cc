@@ -159,7 +159,7 @@ absl::Status IntervalsTask(const Task& task) {
   if (input.scene_flow) return PairsTask(task, input);
   ASSIGN_OR_RETURN(const ClipPlan plan, ReadClipPlan(arguments, input));
   ASSIGN_OR_RETURN(const std::unique_ptr<Upsampler> upsampler, MakeUpsampler(input.options));
-  const ClipSource source(*input.recording, plan.clock, input.options.key_every);
+  const ClipSource source(*input.recording, plan.alignment, input.options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer,
                    ResultWriter::Create(arguments.out, source.sequence(), input.options.NeedsMotion()));
   TaskObserver observer(task);
@@ -200,7 +200,7 @@ absl::Status AssembleTask(const Task& task) {
       return absl::DataLossError(absl::StrCat(arguments.self_check, " is not what the task self-check wrote"));
   }
   ASSIGN_OR_RETURN(json renders, AssembleRenders(task, input, plan));
-  const ClipSource source(*input.recording, plan.clock, input.options.key_every);
+  const ClipSource source(*input.recording, plan.alignment, input.options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer, ResultWriter::Create(arguments.out, source.sequence()));
   // The path of the recording on the server is private, and of no use to those who fetch the result.
   return AssembleResult(input.options, /*sequence_dir=*/"", source.sequence(), plan, reports, std::move(renders),

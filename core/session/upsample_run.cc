@@ -69,6 +69,22 @@ std::optional<std::string> HeldFramesWarning(const Sequence& sequence, const std
       FormatSeconds(color.back().time_ns), FormatSeconds(depth.front().time_ns), FormatSeconds(depth.back().time_ns));
 }
 
+// Depth that lies beside colour is the commonest fault of recordings: said whether or not it is corrected.
+std::optional<std::string> RegistrationWarning(const ClipAlignment& alignment, std::string_view choice) {
+  if (!alignment.registered.has_value()) return std::nullopt;
+  const std::string summary = Summary(*alignment.registered);
+  if (alignment.registered->IsOff())
+    return alignment.registration.IsIdentity()
+               ? absl::StrCat(summary,
+                              ". Depth is taken as it lies, so it is wrong beside every edge: --register estimate "
+                              "(options.register) moves it to colour. Clocks may differ too: --clock estimate "
+                              "(options.clock) measures them")
+               : absl::StrCat(summary, ". Depth was moved so");
+  if (choice == "estimate" && !alignment.registered->reason.empty())
+    return absl::StrCat(summary, "; depth is taken as it lies");
+  return std::nullopt;
+}
+
 }  // namespace
 
 absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options, std::stop_token stop,
@@ -76,23 +92,29 @@ absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const Upsampl
   RETURN_IF_ERROR(Validate(recording.sequence()));
   ClipPlan plan;
   ASSIGN_OR_RETURN(const ClockChoice choice, ParseClockChoice(options.clock));
-  ASSIGN_OR_RETURN(plan.clock, DecideClock(recording, choice, options.threads, std::move(stop), on_clock));
-  const ClipSource source(recording, plan.clock, options.key_every);
+  ClipClock& clock = plan.alignment.clock;
+  ASSIGN_OR_RETURN(clock, DecideClock(recording, choice, options.threads, stop, on_clock));
+  const Sequence input = InputOf(recording.sequence(), clock, options.key_every);
   const std::string with_clock = absl::StrCat("with options.clock = ", options.clock);
-  RETURN_IF_ERROR(WithContext(Validate(source.sequence()), with_clock));
-  const double applied_ms = plan.clock.color_per_depth > 0 ? 0.0 : 1e-6 * plan.clock.model.offset_ns;
-  RETURN_IF_ERROR(WithContext(CheckOverlap(source.sequence(), applied_ms), with_clock));
+  RETURN_IF_ERROR(WithContext(Validate(input), with_clock));
+  const double applied_ms = clock.color_per_depth > 0 ? 0.0 : 1e-6 * clock.model.offset_ns;
+  RETURN_IF_ERROR(WithContext(CheckOverlap(input, applied_ms), with_clock));
+  RETURN_IF_ERROR(DecideRegistration(recording, options.registration, options.key_every, options.threads,
+                                     std::move(stop), plan.alignment));
+  const ClipSource source(recording, plan.alignment, options.key_every);
   ASSIGN_OR_RETURN(plan.constants, EstimateClipConstants(source, options.causal));
   const std::vector<std::string> reading = recording.Warnings(options.threads);
   plan.constants.warnings.insert(plan.constants.warnings.begin(), reading.begin(), reading.end());
-  if (plan.clock.estimate.has_value() && !plan.clock.estimate->reason.empty())
+  if (clock.estimate.has_value() && !clock.estimate->reason.empty())
     plan.constants.warnings.push_back(absl::StrCat(
-        Summary(*plan.clock.estimate),
-        plan.clock.model.offset_ns == 0.0
+        Summary(*clock.estimate),
+        clock.model.offset_ns == 0.0
             ? "; the stamps are kept"
             : absl::StrFormat("; the streams do not overlap, and that their first frames were taken at once (the depth "
                               "clock ahead by %.3f ms) is a guess: --clock=OFFSET_MS says it",
-                              1e-6 * plan.clock.model.offset_ns)));
+                              1e-6 * clock.model.offset_ns)));
+  if (auto warning = RegistrationWarning(plan.alignment, options.registration))
+    plan.constants.warnings.push_back(*std::move(warning));
   plan.intervals = PlanIntervals(source.sequence());
   if (auto warning = HeldFramesWarning(source.sequence(), plan.intervals))
     plan.constants.warnings.push_back(*std::move(warning));
@@ -123,10 +145,10 @@ json ToJson(const ClipPlan& plan, const Sequence& recording) {
   json frames = json::array();
   for (size_t i = 0; i < recording.color.size(); ++i)
     frames.push_back({{"index", i}, {"time_ns", recording.color[i].time_ns}, {"stem", recording.color[i].Stem()}});
-  return {{"constants", ToJson(plan.constants)},
-          {"clock", ToJson(plan.clock)},
-          {"intervals", std::move(intervals)},
-          {"frames", std::move(frames)}};
+  json value = {
+      {"constants", ToJson(plan.constants)}, {"intervals", std::move(intervals)}, {"frames", std::move(frames)}};
+  AddTo(plan.alignment, value);
+  return value;
 }
 
 absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& recording,
@@ -134,9 +156,9 @@ absl::StatusOr<ClipPlan> ParseClipPlan(std::string_view text, const Sequence& re
   return ParseJson(text, "constants", [&](const json& value) -> absl::StatusOr<ClipPlan> {
     ClipPlan plan;
     plan.constants = ConstantsFromJson(value.at("constants"));
-    plan.clock = ClockOf(value);
+    plan.alignment = AlignmentOf(value);
     // Intervals follow from the recording and its clock; those in the file tell whether it belongs to this one.
-    plan.intervals = PlanIntervals(InputOf(recording, plan.clock, options.key_every));
+    plan.intervals = PlanIntervals(InputOf(recording, plan.alignment.clock, options.key_every));
     json expected = json::array();
     for (const Interval& interval : plan.intervals) expected.push_back(IntervalToJson(interval));
     if (value.at("intervals") != expected)
@@ -261,9 +283,9 @@ absl::Status AssembleResult(const UpsampleOptions& options, const std::string& s
                  {"stages", stages},
                  {"renders", std::move(renders)},
                  {"constants", ToJson(plan.constants)},
-                 {"clock", ToJson(plan.clock)},
                  {"warnings", plan.constants.warnings},
                  {"versions", {{"depthtween", DEPTHTWEEN_VERSION}, {"opencv", CV_VERSION}, {"compiler", __VERSION__}}}};
+  AddTo(plan.alignment, report);
   if (options.scene_flow) {
     RETURN_IF_ERROR(CheckMotion(writer.dir(), sequence, plan, reports));
     ASSIGN_OR_RETURN(report["scene_flow_frames"], AddSceneFlow(writer.dir(), sequence, plan.constants, options.threads,

@@ -17,7 +17,7 @@
 #include "core/base/status.h"
 #include "core/io/result_folder.h"
 #include "core/options/upsample_options.h"
-#include "core/session/clip_clock.h"
+#include "core/session/clip_alignment.h"
 #include "core/upsample/upsampler.h"
 
 namespace depthtween {
@@ -25,11 +25,11 @@ namespace depthtween {
 // What is decided once per clip.
 struct ClipPlan {
   ClipConstants constants;
-  ClipClock clock;
+  ClipAlignment alignment;
   std::vector<Interval> intervals;
 };
 
-// From here on the clip is read through ClipSource(recording, plan.clock, options.key_every).
+// From here on the clip is read through ClipSource(recording, plan.alignment, options.key_every).
 // Only a clock that is to be estimated takes time: it heeds `stop` and tells `on_clock`, which may be empty, how many
 // of its looks at frames are done.
 absl::StatusOr<ClipPlan> PrepareClip(const FrameSource& recording, const UpsampleOptions& options,

@@ -46,9 +46,9 @@ absl::Status Upsample(const UpsampleArguments& arguments) {
     ASSIGN_OR_RETURN(
         plan, PrepareClip(*folder, options, signals.token(), [&](int done, int total) { counter.Show(done, total); }));
   }
-  if (plan.clock.estimate.has_value() && plan.clock.estimate->reason.empty())
-    std::cout << "clock: " << Summary(*plan.clock.estimate) << std::endl;
-  const ClipSource source(*folder, plan.clock, options.key_every);
+  if (plan.alignment.clock.estimate.has_value() && plan.alignment.clock.estimate->reason.empty())
+    std::cout << "clock: " << Summary(*plan.alignment.clock.estimate) << std::endl;
+  const ClipSource source(*folder, plan.alignment, options.key_every);
   ASSIGN_OR_RETURN(const ResultWriter writer,
                    ResultWriter::Create(arguments.out, source.sequence(), options.NeedsMotion()));
   for (const std::string& warning : plan.constants.warnings) std::cerr << "warning: " << warning << std::endl;

@@ -153,8 +153,7 @@ std::vector<int> KeyFrames(const Sequence& keys) {
 }
 
 bool HasTruth(const SequenceFolder& folder) {
-  const ClipClock stamps;
-  const auto truth = ClipTruth::Open(folder, stamps, 1);
+  const auto truth = ClipTruth::Open(folder, {}, 1);
   return truth.ok() && !truth->IsLeftOutDepth();
 }
 
@@ -261,10 +260,10 @@ class Run {
                                    const std::string& what, const std::function<bool(int)>& keep = nullptr,
                                    StripMaker* strip = nullptr) const {
     ASSIGN_OR_RETURN(const ClipPlan plan, PrepareClip(folder, {.key_every = key_every, .threads = options_.threads}));
-    ASSIGN_OR_RETURN(ClipTruth truth, ClipTruth::Open(folder, plan.clock, key_every));
+    ASSIGN_OR_RETURN(ClipTruth truth, ClipTruth::Open(folder, plan.alignment, key_every));
     if (keep) truth.Keep(keep);
     if (strip != nullptr) {
-      strip->frames = MidIntervalFrames(InputOf(folder.sequence(), plan.clock, key_every), truth.Frames());
+      strip->frames = MidIntervalFrames(InputOf(folder.sequence(), plan.alignment.clock, key_every), truth.Frames());
       strip->range = {.near_m = static_cast<float>(plan.constants.preview_near_m),
                       .far_m = static_cast<float>(plan.constants.preview_far_m)};
     }
@@ -275,7 +274,7 @@ class Run {
                          .any_frame = variant.is_baseline,
                          .predicts_sigma = &variant == variants.data()});
     return ScoreMethods(folder, std::move(truth), methods,
-                        {.clock = plan.clock,
+                        {.alignment = plan.alignment,
                          .key_every = key_every,
                          .constants = plan.constants,
                          .threads = options_.threads,

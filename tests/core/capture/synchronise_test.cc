@@ -81,6 +81,31 @@ TEST(Synchronise, DoesNotBelieveInAFrameThatTakesLongerThanToTheNext) {
   EXPECT_THAT(estimate.reason, HasSubstr("the next one comes after 4.17 ms"));
 }
 
+// Depth that lies 7 px beside colour in the image must not pass for a clock: the estimate covers the truth, or there is
+// none.
+TEST(Synchronise, IsNotFooledByAWrongRegistration) {
+  class Shifted : public MovingDiscs {
+   public:
+    using MovingDiscs::MovingDiscs;
+    absl::StatusOr<Image<float>> Depth(int index) const override {
+      ASSIGN_OR_RETURN(const Image<float> depth, MovingDiscs::Depth(index));
+      Image<float> shifted(kWidth, kHeight);
+      for (int y = 3; y < kHeight; ++y)
+        for (int x = 6; x < kWidth; ++x) shifted(x, y) = depth(x - 6, y - 3);
+      return shifted;
+    }
+  };
+  for (const double offset_ms : {0.0, 12.0}) {
+    const auto estimate =
+        EstimateClock(Shifted({.seconds = 2, .offset_ms = offset_ms}), {.max_keys = 24, .threads = 2});
+    ASSERT_TRUE(estimate.ok()) << estimate.status();
+    if (!estimate->reason.empty()) continue;
+    EXPECT_LT(std::abs(estimate->model.offset_ns - 1e6 * offset_ms), 3 * estimate->offset_sigma_ns)
+        << Summary(*estimate);
+    EXPECT_NEAR(estimate->model.offset_ns, 1e6 * offset_ms, 2e6) << Summary(*estimate);
+  }
+}
+
 // Nothing moves, so every clock explains the images: said, not guessed.
 TEST(Synchronise, AStillSceneTellsNothing) {
   const ClockEstimate estimate = Estimate({.seconds = 1, .speed = 0}, 12);

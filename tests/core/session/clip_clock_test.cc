@@ -8,6 +8,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/capture/moving_discs.h"
+#include "tests/core/session/nine_frames.h"
 
 namespace depthtween {
 namespace {
@@ -45,47 +46,10 @@ TEST(ClipClock, CarriesItsEstimateThroughJson) {
   EXPECT_FALSE(ClockOf(nlohmann::json{{"clock", ToJson(ClipClock())}}).estimate.has_value());
 }
 
-// Nine colour frames a millisecond apart, depth with every second one stamped half a millisecond late. A frame's value
-// tells which it is.
-MemorySource Recording() {
-  Sequence sequence{.camera = {.width = 4, .height = 4, .fx = 4, .fy = 4, .cx = 2, .cy = 2}, .depth_scale = 1000};
-  std::vector<Image<Rgb8>> color;
-  std::vector<Image<float>> depth_m;
-  for (int i = 0; i < 9; ++i) {
-    sequence.color.push_back({i * 1'000'000, "c"});
-    color.emplace_back(4, 4, Rgb8{static_cast<uint8_t>(i), 0, 0});
-    if (i % 2 != 0) continue;
-    sequence.depth.push_back({i * 1'000'000 + 500'000, "d"});
-    depth_m.emplace_back(4, 4, 1.0F + static_cast<float>(i));
-  }
-  return {std::move(sequence), std::move(color), std::move(depth_m)};
-}
-
-// Stamps move, frames stay those of the recording, and every n-th depth frame is the one that its stamp says.
-TEST(ClipSource, HasStampsAndFramesThatBelongTogether) {
-  const MemorySource recording = Recording();
-  for (const int key_every : {1, 2}) {
-    const ClipSource clip(recording, {.model = {.offset_ns = 500'000}}, key_every);
-    ASSERT_EQ(clip.sequence().depth.size(), key_every == 1 ? 5U : 3U);
-    for (size_t k = 0; k < clip.sequence().depth.size(); ++k) {
-      const int color = 2 * key_every * static_cast<int>(k);
-      EXPECT_EQ(clip.sequence().depth[k].time_ns, color * 1'000'000);
-      EXPECT_EQ((*clip.Depth(static_cast<int>(k)))(0, 0), 1.0F + static_cast<float>(color));
-    }
-    EXPECT_EQ(clip.sequence().color[3].time_ns, 3'000'000);
-    EXPECT_EQ((*clip.Color(3))(0, 0).r, 3);
-  }
-  // Pairing comes before leaving out: depth frame k belongs to colour frame 2 k, whichever are kept.
-  const ClipSource paired(recording, {.color_per_depth = 2}, 2);
-  ASSERT_EQ(paired.sequence().depth.size(), 3U);
-  EXPECT_EQ(paired.sequence().depth[1].time_ns, 4'000'000);
-  EXPECT_EQ((*paired.Depth(1))(0, 0), 5.0F);
-}
-
 // Of nine frames no clock can be told: the stamps are kept, and the reason with them. The other choices look at no
 // frame.
 TEST(DecideClock, KeepsStampsWithoutAnEstimateToTrust) {
-  const MemorySource recording = Recording();
+  const MemorySource recording = NineFrames();
   const auto kept = DecideClock(recording, *ParseClockChoice("estimate"), 1);
   ASSERT_TRUE(kept.ok()) << kept.status();
   EXPECT_EQ(kept->model.ColorTime(12345), 12345);
@@ -107,7 +71,7 @@ TEST(EstimateAnyClock, BridgesClocksThatDoNotMeet) {
 
 // Where nothing can be told, first frames meet, and the reason stays.
 TEST(EstimateAnyClock, BringsFirstFramesTogetherAtLeast) {
-  Sequence sequence = Recording().sequence();
+  Sequence sequence = NineFrames().sequence();
   std::vector<Image<Rgb8>> color(9);
   std::vector<Image<float>> depth_m(5);
   for (FrameRef& frame : sequence.depth) frame.time_ns += 600'000'000'000;

@@ -15,7 +15,7 @@
 #include "core/io/png.h"
 #include "core/io/result_folder.h"
 #include "core/io/sequence_folder.h"
-#include "core/session/clip_clock.h"
+#include "core/session/clip_alignment.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/support/temporary_folder.h"
@@ -78,10 +78,12 @@ class EvaluationTest : public testing::Test {
 
   // What `upsample --method baseline --key-every N` leaves. `change` may alter each frame first.
   std::string WriteResult(const std::string& name, const std::string& sequence_dir, const std::string& baseline,
-                          int key_every, const std::function<void(DepthResult&)>& change = nullptr) {
+                          int key_every, const std::function<void(DepthResult&)>& change = nullptr,
+                          const Registration& registration = {}) {
     const auto folder = SequenceFolder::Open(sequence_dir);
     EXPECT_TRUE(folder.ok()) << folder.status();
-    const ClipSource source(**folder, {}, key_every);
+    const ClipAlignment alignment{.registration = registration};
+    const ClipSource source(**folder, alignment, key_every);
     const auto writer = ResultWriter::Create(Path(name), source.sequence());
     EXPECT_TRUE(writer.ok()) << writer.status();
     const auto upsampler = MakeBaseline(baseline);
@@ -92,8 +94,9 @@ class EvaluationTest : public testing::Test {
       });
       EXPECT_TRUE(run.ok()) << run.status();
     }
-    const absl::Status finished =
-        writer->Finish({{"options", {{"method", baseline}, {"key_every", key_every}}}, {"clock", ToJson(ClipClock())}});
+    nlohmann::json report = {{"options", {{"method", baseline}, {"key_every", key_every}}}};
+    AddTo(alignment, report);
+    const absl::Status finished = writer->Finish(report);
     EXPECT_TRUE(finished.ok()) << finished;
     return Path(name);
   }
@@ -124,6 +127,17 @@ TEST_F(EvaluationTest, ScoresLeftOutDepthMaps) {
   // Colour stands still, so the floor sees the wall approach by 10 mm a frame.
   ASSERT_TRUE(evaluation->sensor_floor.has_value());
   EXPECT_NEAR(evaluation->sensor_floor->rmse_mm, 10.0 * std::sqrt(moving_share), 0.01);
+}
+
+// Where depth was moved to colour, so is the truth that was left out: linear stays exact, or a box of 1.5 m would be
+// beside itself.
+TEST_F(EvaluationTest, MovesLeftOutDepthAsTheInputWasMoved) {
+  const std::string clip = WriteClip("clip", {});
+  const std::string result = WriteResult("result", clip, "linear", 2, nullptr, {.right_px = 5, .down_px = -3});
+  const auto evaluation = Evaluate({.result_dir = result, .reference_dir = clip});
+  ASSERT_TRUE(evaluation.ok()) << evaluation.status();
+  EXPECT_GT(All(*evaluation, 0).pixels, 1000);
+  EXPECT_LT(All(*evaluation, 0).rmse_mm, 0.2);
 }
 
 // A baseline computed on the fly must get the numbers that its stored result gets, or ratios would compare unlike

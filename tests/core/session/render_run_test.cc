@@ -69,10 +69,10 @@ class RenderRun : public testing::Test {
     constants_ = {.preview_near_m = 0.95 * kBox, .preview_far_m = 1.05 * kWall, .median_depth_m = kWall};
   }
 
-  std::unique_ptr<Renderer> Make(const std::string& text) {
+  std::unique_ptr<ClipRenderer> Make(const std::string& text) {
     const auto options = ParseRender(json::parse(text), "render");
     EXPECT_TRUE(options.ok()) << options.status();
-    auto renderer = Renderer::Create(*options, {source_.get(), scratch_.path(), constants_}, "render");
+    auto renderer = ClipRenderer::Create(*options, {source_.get(), scratch_.path(), constants_}, "render");
     EXPECT_TRUE(renderer.ok()) << renderer.status();
     return *std::move(renderer);
   }
@@ -81,7 +81,7 @@ class RenderRun : public testing::Test {
     std::vector<std::string> pictures;  // as PNG
     RenderPart part;
   };
-  Rendered Run(Renderer& renderer, int first, int count, const RenderPart* near = nullptr, int threads = 1) {
+  Rendered Run(ClipRenderer& renderer, int first, int count, const RenderPart* near = nullptr, int threads = 1) {
     Rendered rendered;
     const auto part = renderer.Run(first, count, near, threads, {}, [&](int frame, std::vector<Image<Rgb8>> pictures) {
       EXPECT_EQ(frame, first + static_cast<int>(rendered.pictures.size()));
@@ -120,7 +120,8 @@ TEST_F(RenderRun, WhatIsLostEndsTheRender) {
     const auto was_made = [&](int frame, bool motion) {
       return made && motion && frame == 5 ? LostError("motion", frame) : absl::OkStatus();
     };
-    const auto renderer = Renderer::Create(*options, {source_.get(), scratch_.path(), constants_, was_made}, "render");
+    const auto renderer =
+        ClipRenderer::Create(*options, {source_.get(), scratch_.path(), constants_, was_made}, "render");
     EXPECT_TRUE(renderer.ok()) << renderer.status();
     return (*renderer)->Run(3, 1, nullptr, 2, {}, [](int, const auto&) { return absl::OkStatus(); }).status();
   };
@@ -156,7 +157,7 @@ TEST_F(RenderRun, AFollowedFocusGoesOnWhereItWasLeft) {
 TEST_F(RenderRun, FocusDecidesWhatIsSharp) {
   const auto sharp = Make(R"({"depth_of_field":{"aperture_mm":400,"focus":{"depth_m":2}}})");
   const auto blurred = Make(R"({"depth_of_field":{"aperture_mm":400,"focus":{"depth_m":4}}})");
-  const auto edge = [&](Renderer& renderer) {
+  const auto edge = [&](ClipRenderer& renderer) {
     int step = 0;
     EXPECT_TRUE(renderer
                     .Run(8, 1, nullptr, 1, {},
@@ -185,7 +186,7 @@ TEST_F(RenderRun, DoesWithoutWhatIsNotThere) {
 TEST_F(RenderRun, WhatPointsAtNothingIsTheFieldsFault) {
   std::filesystem::remove_all(scratch_ / "depth");
   const auto options = ParseRender(json::parse(R"({"depth_of_field":{"focus":{"pixel":{"frame":1}}}})"), "render");
-  const auto renderer = Renderer::Create(*options, {source_.get(), scratch_.path(), constants_}, "render");
+  const auto renderer = ClipRenderer::Create(*options, {source_.get(), scratch_.path(), constants_}, "render");
   EXPECT_FALSE(renderer.ok());
   const auto wide = ParseRender(json::parse(R"({"stereo":{"baseline_m":30}})"), "render");
   const absl::Status refused = CheckRender(*wide, source_->sequence(), constants_, "render");

@@ -109,18 +109,18 @@ TEST(ClipPlan, CarriesItsClock) {
   const UpsampleOptions options{.clock = "4,1000"};
   const auto plan = PrepareClip(*source, options);
   ASSERT_TRUE(plan.ok()) << plan.status();
-  EXPECT_EQ(plan->clock.model.ColorTime(4'000'000), 0);
+  EXPECT_EQ(plan->alignment.clock.model.ColorTime(4'000'000), 0);
   // The first key is now 4 ms before the first frame, the last at 28 ms: frames 8 and on are held.
   ASSERT_EQ(plan->intervals.size(), 3U);
   EXPECT_EQ(plan->intervals[0].frame_count, 3);
   const auto parsed = ParseClipPlan(ToJson(*plan, source->sequence()).dump(), source->sequence(), options);
   ASSERT_TRUE(parsed.ok()) << parsed.status();
-  EXPECT_EQ(parsed->clock.model.offset_ns, plan->clock.model.offset_ns);
-  EXPECT_EQ(parsed->clock.model.drift_ppm, plan->clock.model.drift_ppm);
-  const ClipSource clip(*source, parsed->clock, 2);
+  EXPECT_EQ(parsed->alignment.clock.model.offset_ns, plan->alignment.clock.model.offset_ns);
+  EXPECT_EQ(parsed->alignment.clock.model.drift_ppm, plan->alignment.clock.model.drift_ppm);
+  const ClipSource clip(*source, parsed->alignment, 2);
   ASSERT_EQ(clip.sequence().depth.size(), 2U);
   // Less than a hundredth of a frame before a colour frame: taken with it.
-  EXPECT_EQ(plan->clock.model.ColorTime(32'000'000), 27'972'028);
+  EXPECT_EQ(plan->alignment.clock.model.ColorTime(32'000'000), 27'972'028);
   EXPECT_EQ(clip.sequence().depth[1].time_ns, 28'000'000);
   EXPECT_EQ((*clip.Depth(1))(0, 0), 1.8F);
   // Stamps so far off that nothing overlaps are refused by the option's name.
@@ -128,7 +128,7 @@ TEST(ClipPlan, CarriesItsClock) {
               HasSubstr("options.clock = 5000"));
   const auto by_index = PrepareClip(*source, {.clock = "index"});
   ASSERT_TRUE(by_index.ok()) << by_index.status();
-  EXPECT_EQ(by_index->clock.color_per_depth, 4);
+  EXPECT_EQ(by_index->alignment.clock.color_per_depth, 4);
 }
 
 // The same recording with depth ten minutes late: every way to give the clock works, and without one it is named.
