@@ -128,6 +128,7 @@ UpsampleOptions ProgramOptions(const DepthStream::Options& options) {
   program.preset = options.preset;
   program.causal = options.causal;
   program.without = options.without;
+  program.fill = options.fill;
   program.clock = options.clock;
   return program;
 }
@@ -171,6 +172,7 @@ absl::Status Parse(std::string_view text, DepthStream::Options& options) {
   parsed.preset = program.preset;
   parsed.causal = program.causal;
   parsed.without = program.without;
+  parsed.fill = program.fill;
   parsed.clock = program.clock;
   // What a stream does not have must not be asked for.
   const json asked = ToJson(program), taken = ToJson(ProgramOptions(parsed));

@@ -4,6 +4,7 @@
 
 #include "core/baselines/baselines.h"
 #include "core/upsample/causal.h"
+#include "core/upsample/fill_limit.h"
 #include "core/upsample/pipeline.h"
 
 namespace depthtween {
@@ -15,7 +16,8 @@ absl::StatusOr<std::unique_ptr<Upsampler>> MakeUpsampler(const UpsampleOptions& 
   for (const std::string& part : options.without) RETURN_IF_ERROR(pipeline.SwitchOff(part));
   for (const std::string& choice : options.literal) RETURN_IF_ERROR(pipeline.solver.TakeLiterally(choice));
   RETURN_IF_ERROR(pipeline.Validate());
-  return options.causal ? MakeCausalUpsampler(pipeline) : MakePipeline(pipeline);
+  ASSIGN_OR_RETURN(const Fill fill, ParseFill(options.fill));
+  return WithFillLimit(options.causal ? MakeCausalUpsampler(pipeline) : MakePipeline(pipeline), fill);
 }
 
 }  // namespace depthtween

@@ -42,6 +42,14 @@ const OptionMembers<UpsampleOptions>& UpsampleMembers() {
                                   "First hold out every second depth frame and report the error of ours, flow-warp, "
                                   "linear and hold on it; costs at most what 24 intervals cost",
                               .group = kQuality})
+        .Add<&O::fill>({.name = "fill",
+                        .help =
+                            "How far depth may be inferred where the depth camera saw nothing: all (everywhere), near "
+                            "(small holes: a twentieth of the width from what was seen) or none; beyond it depth is "
+                            "unknown",
+                        .placeholder = "all|near|none",
+                        .group = kQuality,
+                        .words = {"all", "near", "none"}})
         .Add<&O::clock>({.name = "clock",
                          .help =
                              "How depth frames come onto the colour camera's clock: stamps (they are right), index "
@@ -104,6 +112,7 @@ absl::Status CheckTogether(const UpsampleOptions& options, const std::string& pa
                                                     {"literal", !options.literal.empty()},
                                                     {"causal", options.causal},
                                                     {"self_check", options.self_check},
+                                                    {"fill", options.fill != defaults.fill},
                                                     {"scene_flow", options.scene_flow}};
     for (const auto& [field, is_set] : of_ours)
       if (is_set)

@@ -38,6 +38,7 @@ struct UpsampleOptions {
   std::string preset = "balanced";
   bool causal = false;
   bool self_check = false;
+  std::string fill = "near";  // see Fill (core/upsample/fill_limit.h)
   std::vector<std::string> without;
   std::vector<std::string> literal;
   // Not part of the document, because they do not change depth: how a run is made, not what it computes.

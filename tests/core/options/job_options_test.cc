@@ -21,8 +21,8 @@ std::string Canonical(JobKind kind, const char* document) {
 
 TEST(JobOptions, WhatIsLeftOutIsFilledIn) {
   EXPECT_EQ(Canonical(JobKind::kUpsample, "{}"),
-            R"({"causal":false,"clock":"stamps","key_every":1,"literal":[],"method":"ours","preset":"balanced",)"
-            R"("register":"none","scene_flow":false,"self_check":false,"without":[]})");
+            R"({"causal":false,"clock":"stamps","fill":"near","key_every":1,"literal":[],"method":"ours",)"
+            R"("preset":"balanced","register":"none","scene_flow":false,"self_check":false,"without":[]})");
   EXPECT_EQ(Canonical(JobKind::kSceneFlow, "{}"), R"({"baseline_m":0.1,"every":1,"formats":["npz"],"method":"ours"})");
 }
 

@@ -78,6 +78,7 @@ class DepthStream {
     std::string preset = "balanced";
     bool causal = false;  // each frame from what had been seen by then alone
     std::vector<std::string> without;
+    std::string fill = "near";     // how far depth is inferred: all, near or none
     std::string clock = "stamps";  // or "OFFSET_MS[,DRIFT_PPM]" of the depth camera's clock
 
     int threads = 0;  // does not change depth; 0: one for each processor
