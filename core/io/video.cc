@@ -26,7 +26,11 @@ constexpr const char* kMp4Encoders[] = {"libx264", "libopenh264", "mpeg4"};
 constexpr const char* kLosslessEncoders[] = {"ffv1"};
 
 constexpr double kNamedRateTolerance = 1e-3;  // a camera's clock is far better; the stamps of a short clip are not
-constexpr int kMaxRate = 100'000;             // of a clock faster than that the stamps say nothing
+// Stamps of a camera that keeps its rate wander by less than half a period. The others get a clock whose ticks are
+// whole for all rates in use, and which MPEG-4 can still say.
+constexpr double kMostWanderPeriods = 0.75;
+constexpr int kFineRate = 60'000;
+constexpr int kMaxRate = 100'000;  // of a clock faster than that the stamps say nothing
 
 struct FreeFormat {
   void operator()(AVFormatContext* context) const {
@@ -61,6 +65,23 @@ FrameRate NamedRate(double per_second) {
   return {.numerator = numerator, .denominator = denominator};
 }
 
+// The tick of each stamp, and how far from it the worst one is, ns.
+double CountTicks(const std::vector<int64_t>& time_ns, FrameClock& clock) {
+  const double period_ns = 1e9 / clock.tick_rate.PerSecond();
+  double worst_ns = 0;
+  for (size_t i = 1; i < time_ns.size(); ++i) {
+    const auto since_ns = static_cast<double>(time_ns[i] - time_ns[0]);
+    clock.ticks[i] = std::max(clock.ticks[i - 1] + 1, static_cast<int64_t>(std::llround(since_ns / period_ns)));
+    worst_ns = std::max(worst_ns, std::abs(static_cast<double>(clock.ticks[i]) * period_ns - since_ns));
+  }
+  return worst_ns;
+}
+
+AVRational TickRate(const VideoOptions& options) {
+  const FrameRate& rate = options.tick_rate.numerator > 0 ? options.tick_rate : options.frame_rate;
+  return {rate.numerator, rate.denominator};
+}
+
 AVStereo3DType StereoType(VideoStereo stereo) {
   return stereo == VideoStereo::kTopBottom ? AV_STEREO3D_TOPBOTTOM : AV_STEREO3D_SIDEBYSIDE;
 }
@@ -86,6 +107,7 @@ struct VideoWriter::Impl {
   std::unique_ptr<SwsContext, FreeScaler> scaler;
   AVStream* stream = nullptr;  // of format
   int64_t last_tick = -1;      // of the frame written last
+  int64_t usual_ticks = 1;     // from frame to frame
   bool file_exists = false;    // unfinished_path is ours to remove
 
   ~Impl() {
@@ -105,7 +127,7 @@ struct VideoWriter::Impl {
       codec->height = options.height;
       codec->pix_fmt = lossless ? AV_PIX_FMT_0RGB32 : options.full_chroma ? AV_PIX_FMT_YUV444P : AV_PIX_FMT_YUV420P;
       codec->framerate = {options.frame_rate.numerator, options.frame_rate.denominator};
-      codec->time_base = av_inv_q(codec->framerate);
+      codec->time_base = av_inv_q(TickRate(options));
       // A player can jump to every second.
       codec->gop_size = lossless ? 1 : std::max(1, static_cast<int>(std::lround(options.frame_rate.PerSecond())));
       codec->thread_count = 1;  // x264 decides otherwise on another number of threads, and FFV1 cuts other slices
@@ -157,7 +179,7 @@ struct VideoWriter::Impl {
       const int received = avcodec_receive_packet(codec.get(), packet.get());
       if (received == AVERROR(EAGAIN) || received == AVERROR_EOF) return absl::OkStatus();
       RETURN_IF_ERROR(AvStatus(received, "encoding " + path));
-      packet->duration = 1;  // in the encoder's time base; without it the last frame has no length
+      packet->duration = usual_ticks;  // without it the last frame has no length
       av_packet_rescale_ts(packet.get(), codec->time_base, stream->time_base);
       packet->stream_index = stream->index;
       RETURN_IF_ERROR(AvStatus(av_interleaved_write_frame(format.get(), packet.get()), "writing " + path));
@@ -195,12 +217,11 @@ FrameClock ClockOf(const std::vector<int64_t>& time_ns) {
     covariance += (count[i] - mean_count) * (since_first(i) - mean_ns);
     variance += (count[i] - mean_count) * (count[i] - mean_count);
   }
-  clock.rate = NamedRate(1e9 * variance / covariance);
-  const double period_ns = 1e9 / clock.rate.PerSecond();
-  for (size_t i = 1; i < time_ns.size(); ++i) {
-    const int64_t tick = std::llround(static_cast<double>(time_ns[i] - time_ns[0]) / period_ns);
-    clock.ticks[i] = std::max(clock.ticks[i - 1] + 1, tick);
-  }
+  clock.rate = clock.tick_rate = NamedRate(1e9 * variance / covariance);
+  if (CountTicks(time_ns, clock) <= kMostWanderPeriods * 1e9 / clock.rate.PerSecond()) return clock;
+  clock.rate = NamedRate(1e9 * static_cast<double>(time_ns.size() - 1) / since_first(time_ns.size() - 1));
+  clock.tick_rate = {.numerator = kFineRate, .denominator = 1};
+  CountTicks(time_ns, clock);
   return clock;
 }
 
@@ -230,6 +251,7 @@ absl::StatusOr<VideoWriter> VideoWriter::Create(const std::string& path, const V
   impl->format.reset(format);
   format->flags |= AVFMT_FLAG_BITEXACT;  // no random identity in Matroska
   RETURN_IF_ERROR(impl->OpenEncoder(options));
+  impl->usual_ticks = std::max<int64_t>(1, std::llround(av_q2d(TickRate(options)) / options.frame_rate.PerSecond()));
 
   impl->stream = avformat_new_stream(format, nullptr);
   impl->frame.reset(av_frame_alloc());
@@ -258,7 +280,7 @@ absl::StatusOr<VideoWriter> VideoWriter::Create(const std::string& path, const V
   if (mp4) {
     av_dict_set(&muxer, "movflags", "+faststart", 0);  // the index first: plays while it loads
     // Wide enough for every rate there is: MP4 rounds stamps to its own clock.
-    av_dict_set_int(&muxer, "video_track_timescale", options.frame_rate.numerator, 0);
+    av_dict_set_int(&muxer, "video_track_timescale", TickRate(options).num, 0);
     av_dict_set(&muxer, "strict", "unofficial", 0);  // st3d, the stereo mark, is Google's and no part of the standard
   }
   const int header = avformat_write_header(format, &muxer);
@@ -267,7 +289,9 @@ absl::StatusOr<VideoWriter> VideoWriter::Create(const std::string& path, const V
   return VideoWriter(std::move(impl));
 }
 
-absl::Status VideoWriter::Write(ImageView<const Rgb8> image) { return Write(image, impl_->last_tick + 1); }
+absl::Status VideoWriter::Write(ImageView<const Rgb8> image) {
+  return Write(image, impl_->last_tick < 0 ? 0 : impl_->last_tick + impl_->usual_ticks);
+}
 
 absl::Status VideoWriter::Write(ImageView<const Rgb8> image, int64_t tick) {
   AVFrame* const frame = impl_->frame.get();

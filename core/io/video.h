@@ -35,8 +35,10 @@ struct FrameRate {
 // The clock of a stream of ascending stamps: its rate, and for each frame the tick of that clock on which it is shown.
 // A dropped frame leaves a tick out, so that the video keeps time; stamps that wander by less than half a period do
 // not show. Rates within 0.1 % of n or n * 1000/1001 are taken to be that. A single frame is shown for 1/30 s.
+// Where the rate changes, the clock ticks so fast that every frame is shown at its stamp, to 1/120,000 s.
 struct FrameClock {
-  FrameRate rate;
+  FrameRate rate;              // of frames; their mean where it changes
+  FrameRate tick_rate;         // of the clock: `rate` unless that changes
   std::vector<int64_t> ticks;  // ascending from 0, one for each stamp
 };
 FrameClock ClockOf(const std::vector<int64_t>& time_ns);
@@ -48,6 +50,7 @@ struct VideoOptions {
   VideoContainer container = VideoContainer::kMp4;
   int width = 0, height = 0;  // pixels, > 0; even for MP4 unless full_chroma
   FrameRate frame_rate;
+  FrameRate tick_rate = {0, 1};  // of the clock that frames are shown by; 0: one tick for each frame
   // Colour at full resolution (4:4:4), which anaglyphs need; fewer players can show it. Matroska always has it.
   bool full_chroma = false;
   // Written into the container, and into H.264 as frame packing, so that a stereo display switches by itself.
@@ -67,10 +70,10 @@ class VideoWriter {
   VideoWriter(VideoWriter&&) noexcept;
   VideoWriter& operator=(VideoWriter&&) noexcept;
 
-  // The next frame, shown from that tick of the frame rate on. InvalidArgument when its size is not that of the video,
+  // The next frame, shown from that tick on. InvalidArgument when its size is not that of the video,
   // or the tick not after the one before.
   absl::Status Write(ImageView<const Rgb8> frame, int64_t tick);
-  // On the tick after the one before.
+  // One period of the frame rate after the one before.
   absl::Status Write(ImageView<const Rgb8> frame);
   absl::Status Finish();
 

@@ -113,6 +113,7 @@ absl::StatusOr<ClipRendered> RenderClip(const ClipRender& order, std::stop_token
   if (videos) {
     RETURN_IF_ERROR(videos->Finish());
     rendered.video_fps = videos->clock().rate.PerSecond();
+    rendered.rate_changes = !(videos->clock().tick_rate == videos->clock().rate);
     rendered.encoder = videos->encoder();
   }
   rendered.seconds = part.seconds;

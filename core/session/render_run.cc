@@ -443,6 +443,7 @@ absl::StatusOr<PictureVideos> PictureVideos::Create(const std::vector<std::strin
   for (const FrameRef& frame : sequence.color) stamps.push_back(frame.time_ns);
   videos.clock_ = ClockOf(stamps);
   videos.options_.frame_rate = videos.clock_.rate;
+  videos.options_.tick_rate = videos.clock_.tick_rate;
   return videos;
 }
 

@@ -84,7 +84,8 @@ absl::Status Render(const RenderArguments& arguments) {
   std::cout << absl::StrFormat("%d frames in %.1f s (%.1f frames per second)", rendered.frames, rendered.seconds,
                                rendered.frames / rendered.seconds);
   if (!rendered.encoder.empty())
-    std::cout << absl::StrFormat(", shown at %.6g per second, %s", rendered.video_fps, rendered.encoder);
+    std::cout << absl::StrFormat(", shown at %.6g per second%s, %s", rendered.video_fps,
+                                 rendered.rate_changes ? " on average, each at its stamp" : "", rendered.encoder);
   for (const std::string& file : rendered.files) std::cout << "\n" << file;
   std::cout << "\n" << rendered.report << std::endl;
   return absl::OkStatus();

@@ -220,6 +220,30 @@ TEST_F(VideoTest, NamesWhatIsWrong) {
   EXPECT_EQ(writer->Write(Image<Rgb8>(32, 48)).code(), absl::StatusCode::kInvalidArgument);
 }
 
+// 240 frames a second and then 30, as phones record: every frame is shown at its stamp, in the clock and in the file.
+TEST_F(VideoTest, ShowsFramesAtTheirStampsWhereTheRateChanges) {
+  std::vector<int64_t> stamps;
+  for (int i = 0; i < 8; ++i) stamps.push_back(i * 1'000'000'000LL / 240);
+  for (int i = 1; i < 13; ++i) stamps.push_back(7 * 1'000'000'000LL / 240 + i * 1'000'000'000LL / 30);
+  const FrameClock clock = ClockOf(stamps);
+  for (const VideoContainer container : {VideoContainer::kMp4, VideoContainer::kMatroska}) {
+    const std::string path = dir_ / (container == VideoContainer::kMp4 ? "changes.mp4" : "changes.mkv");
+    auto writer = VideoWriter::Create(
+        path,
+        {.container = container, .width = 32, .height = 32, .frame_rate = clock.rate, .tick_rate = clock.tick_rate});
+    ASSERT_TRUE(writer.ok()) << writer.status();
+    for (size_t i = 0; i < stamps.size(); ++i)
+      ASSERT_TRUE(writer->Write(Image<Rgb8>(32, 32, {static_cast<uint8_t>(10 * i), 0, 0}), clock.ticks[i]).ok());
+    ASSERT_TRUE(writer->Finish().ok());
+    const auto decoded = Decode(path);
+    ASSERT_EQ(decoded.shown_s.size(), stamps.size());
+    // Matroska keeps milliseconds.
+    const double tolerance_s = container == VideoContainer::kMp4 ? 2e-5 : 1.1e-3;
+    for (size_t i = 0; i < stamps.size(); ++i)
+      EXPECT_NEAR(decoded.shown_s[i] - decoded.shown_s[0], 1e-9 * static_cast<double>(stamps[i]), tolerance_s) << i;
+  }
+}
+
 // Stamps as cameras give them: rounded to microseconds, wandering, with a frame missing.
 TEST(FrameClock, IsTheCamerasOwn) {
   std::vector<int64_t> stamps;
