@@ -153,11 +153,11 @@ struct ClipRender {
 struct ClipRendered {
   std::vector<std::string> files;  // videos, one for each stream, named as players know their format by; or the folder
   int frames = 0;
-  double seconds = 0.0;    // wall time
+  double seconds = 0.0;       // wall time
   double video_fps = 0.0;     // of videos, as they are shown
   bool rate_changes = false;  // video_fps is a mean: each frame is shown at its stamp
-  std::string encoder;     // of videos
-  std::string report;      // ClipRenderer::Report as text
+  std::string encoder;        // of videos
+  std::string report;         // ClipRenderer::Report as text
 };
 
 // Finds what is wrong with the order before it computes anything. The result of a recording is temporary, beside `out`.
