@@ -78,7 +78,8 @@ constexpr float kNarrowestPx = 2.5F;
 // texture around it.
 std::vector<float> Radii(float widest_px) {
   std::vector<float> radii;
-  for (float radius = widest_px; radius > kNarrowestPx; radius /= 1.5F) radii.push_back(radius);
+  for (const float share : {1.0F, 2.0F / 3, 4.0F / 9})
+    if (share * widest_px > kNarrowestPx) radii.push_back(share * widest_px);
   radii.push_back(kNarrowestPx);
   return radii;
 }

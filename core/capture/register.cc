@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -89,9 +90,11 @@ class Fitting {
       registration_ = Corrected(registration_, FitCauses(comparisons_, options_), width_);
     }
     Compare();
-    const EdgeFit fit = FitWithCovariance(comparisons_, options_);
-    registration_ = Corrected(registration_, fit.causes, width_);
-    return fit;
+    // What the search says holds back each step, and is no knowledge beside it.
+    EdgeFitOptions free = options_;
+    for (const Cause cause : {kRight, kDown, kLarger, kNearX, kNearY})
+      if (free.sigma(cause) > 0) free.sigma(cause) = std::numeric_limits<double>::infinity();
+    return FitWithCovariance(comparisons_, free);
   }
   // Takes scale and parallax for none where they cannot be told from it; whether anything changed.
   bool DropWhatIsNotTold(const EdgeFit& fit) {
@@ -202,13 +205,15 @@ absl::StatusOr<RegistrationEstimate> EstimateRegistration(const FrameSource& sou
   estimate.edges = fitting.edges();
 
   // What the fit makes of a search must not be worse than it; and edges that hardly meet colour anywhere tell nothing.
-  constexpr double kKept = 0.8, kLeastMet = 0.2, kTellingPx = 1.0;
+  constexpr double kKept = 0.8, kTellingPx = 1.0, kTellingShare = 0.2;
   const double met = MeanVote(scenes, estimate.model);
   if (estimate.edges == 0)
     estimate.reason = "no depth frame has an edge that colour shows too";
-  else if (met < kKept * search.met || met < kLeastMet)
+  else if (met < kLeastMet)
     estimate.reason = "no shift, scale and parallax brings the edges of depth to those of colour";
-  else if (!(estimate.moves_sigma_px < kTellingPx))
+  else if (met < kKept * search.best_met)
+    estimate.reason = "another place may be better, and too few edges tell";
+  else if (!(estimate.moves_sigma_px < std::max(kTellingPx, kTellingShare * estimate.moves_px)))
     estimate.reason =
         absl::StrFormat("too few edges: where they belong is known to +-%.1f px", estimate.moves_sigma_px);
   return estimate;

@@ -169,7 +169,8 @@ RegistrationSearch SearchRegistration(const std::vector<EdgeScene>& scenes, doub
     const std::vector<double> votes = votes_for_shifts(rest, half);
     const auto best = std::max_element(votes.begin(), votes.end());
     const int at = static_cast<int>(best - votes.begin()), across = 2 * half + 1;
-    rest.right_px += cell * (at % across - half), rest.down_px += cell * (at / across - half);
+    const int row = at / across, column = at % across;
+    rest.right_px += cell * (column - half), rest.down_px += cell * (row - half);
     return Candidate{rest, *best};
   };
 
@@ -193,10 +194,12 @@ RegistrationSearch SearchRegistration(const std::vector<EdgeScene>& scenes, doub
       start.*parallax = cell * (i % kTried - kParallaxSteps) * reference_m;
       tried[i] = best_shift(start, kShiftCells);
     });
-    for (size_t k = 0; k < refined.size(); ++k)
-      refined[k] = *std::max_element(tried.begin() + static_cast<ptrdiff_t>(k * kTried),
-                                     tried.begin() + static_cast<ptrdiff_t>((k + 1) * kTried),
-                                     [](const Candidate& a, const Candidate& b) { return a.votes < b.votes; });
+    for (size_t k = 0; k < refined.size(); ++k) {
+      // None, unless some is better: where all edges are equally near, all parallax is the same.
+      refined[k] = tried[k * kTried + kParallaxSteps];
+      for (size_t i = k * kTried; i < (k + 1) * kTried; ++i)
+        if (tried[i].votes > refined[k].votes) refined[k] = tried[i];
+    }
   }
   Candidate best = *std::max_element(refined.begin(), refined.end(),
                                      [](const Candidate& a, const Candidate& b) { return a.votes < b.votes; });
@@ -228,14 +231,14 @@ RegistrationSearch SearchRegistration(const std::vector<EdgeScene>& scenes, doub
   double variance = 0;
   for (const Part& part : parts) variance += std::pow((part.gain - part.edges * gain) / edges, 2);
   search.met_unmoved = met_unmoved / edges;
-  // The best of some ten thousand candidates is 4 deviations above the mean by chance alone.
-  constexpr double kBeyondChance = 5.0;
-  if (gain > kBeyondChance * std::sqrt(variance)) {
-    search.best = best.registration;
-    search.met = met / edges;
-  } else {
-    search.met = search.met_unmoved;
-  }
+  // By chance too a search finds a place under which edges meet colour half as often again, and 4 deviations of the
+  // parts above that, but never as often as where depth belongs.
+  constexpr double kBeyondChance = 3.0, kMore = 1.3;
+  search.best_met = met / edges;
+  const bool believed =
+      gain > kBeyondChance * std::sqrt(variance) && met > kMore * met_unmoved && search.best_met > kLeastMet;
+  if (believed) search.best = best.registration;
+  search.met = believed ? search.best_met : search.met_unmoved;
   return search;
 }
 

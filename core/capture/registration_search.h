@@ -42,14 +42,19 @@ class EdgeScene {
 };
 
 struct RegistrationSearch {
-  Registration best;         // the identity unless `gain` is beyond chance
+  Registration best;         // the identity unless another is better beyond chance
   double met = 0.0;          // mean vote of the edges under `best`
   double met_unmoved = 0.0;  // under the identity
+  double best_met = 0.0;     // under what is met best, by chance or not
 };
 
 // Shifts up to a twelfth of the image's width, growth by up to 18 %, parallax. `scenes` are of one image size; with
 // `reference_m` the depth about which parallax turns. Threads change nothing.
 RegistrationSearch SearchRegistration(const std::vector<EdgeScene>& scenes, double reference_m, int threads);
+
+// Edges of depth that belongs to other pictures meet colour less often than this wherever they are put; those that
+// belong there, more often.
+inline constexpr double kLeastMet = 0.3;
 
 // Mean vote of all edges under `registration`; 0 of none.
 double MeanVote(const std::vector<EdgeScene>& scenes, const Registration& registration);

@@ -25,7 +25,7 @@ absl::Status CheckClock(std::string_view text) { return ParseClockChoice(text).s
 
 const OptionMembers<UpsampleOptions>& UpsampleMembers() {
   using O = UpsampleOptions;
-  static const auto* const kMembers = [] {
+  static const auto* const list = [] {
     auto* const members = new OptionMembers<O>;
     members
         ->Add<&O::preset>({.name = "preset",
@@ -97,7 +97,7 @@ const OptionMembers<UpsampleOptions>& UpsampleMembers() {
                            .words = LiteralNames()});
     return members;
   }();
-  return *kMembers;
+  return *list;
 }
 
 // The rules between options.
@@ -128,36 +128,36 @@ absl::Status CheckTogether(const UpsampleOptions& options, const std::string& pa
 }  // namespace
 
 const std::vector<std::string>& UpsampleMethods() {
-  static const auto* const kNames = [] {
+  static const auto* const list = [] {
     auto* const names = new std::vector<std::string>(BaselineNames());
     names->insert(names->begin(), "ours");
     return names;
   }();
-  return *kNames;
+  return *list;
 }
 
 const std::vector<std::string>& BaselineNames() {
-  static const auto* const kNames =
+  static const auto* const list =
       new std::vector<std::string>{"hold", "nearest", "linear", "dolson", "dolson-mode", "tracking", "flow-warp"};
-  return *kNames;
+  return *list;
 }
 
 const std::vector<std::string>& PresetNames() {
-  static const auto* const kNames = new std::vector<std::string>{"fast", "balanced", "best", "reference"};
-  return *kNames;
+  static const auto* const list = new std::vector<std::string>{"fast", "balanced", "best", "reference"};
+  return *list;
 }
 
 const std::vector<std::string>& PartNames() {
-  static const auto* const kNames = new std::vector<std::string>{
+  static const auto* const list = new std::vector<std::string>{
       "settle", "recover", "thin",  "draw", "solve", "propagation", "median", "witnesses", "silhouettes",
       "opti",   "point",   "plane", "proj", "rigid", "reg",         "short",  "occlusion", "topology"};
-  return *kNames;
+  return *list;
 }
 
 const std::vector<std::string>& LiteralNames() {
-  static const auto* const kNames = new std::vector<std::string>{
-      "closest", "coherence", "kernels", "occlusion", "point", "proj", "rigid", "short", "topology"};
-  return *kNames;
+  static const auto* const list = new std::vector<std::string>{"closest", "coherence", "kernels", "occlusion", "point",
+                                                               "proj",    "rigid",     "short",   "topology"};
+  return *list;
 }
 
 const std::vector<OptionSpec>& UpsampleOptionSpecs() { return UpsampleMembers().specs(); }

@@ -80,7 +80,7 @@ std::optional<std::string> RegistrationWarning(const ClipAlignment& alignment, s
                               "(options.register) moves it to colour. Clocks may differ too: --clock estimate "
                               "(options.clock) measures them")
                : absl::StrCat(summary, ". Depth was moved so");
-  if (choice == "estimate" && !alignment.registered->reason.empty())
+  if (alignment.registered->edges > 0 && !alignment.registered->reason.empty())
     return absl::StrCat(summary, "; depth is taken as it lies");
   return std::nullopt;
 }

@@ -17,7 +17,7 @@ namespace depthtween {
 struct Grid {
   int width = 0, height = 0;
 
-  ptrdiff_t stride() const { return (width + kLanes - 1) / kLanes * kLanes + kLanes; }
+  ptrdiff_t stride() const { return ptrdiff_t{(width + kLanes - 1) / kLanes} * kLanes + kLanes; }
   ptrdiff_t at(int x, int y) const { return (y + 1) * stride() + kLanes + x; }
   size_t size() const { return static_cast<size_t>((height + 2) * stride() + 2 * kLanes); }
   int blocks_per_row() const { return (width + kLanes - 1) / kLanes; }

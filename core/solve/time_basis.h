@@ -27,7 +27,10 @@ class TimeBasis {
 
  private:
   TimeBasis(int frames, int rank, bool per_frame)
-      : frames_(frames), rank_(rank), per_frame_(per_frame), value_(frames * rank) {}
+      : frames_(frames),
+        rank_(rank),
+        per_frame_(per_frame),
+        value_(static_cast<size_t>(frames) * static_cast<size_t>(rank)) {}
   int frames_, rank_;
   bool per_frame_;
   std::vector<float> value_;

@@ -7,6 +7,7 @@
 #include <stop_token>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -71,6 +72,34 @@ TEST(Register, ThreadsChangeNoBit) {
   EXPECT_EQ(one.model.right_px, two.model.right_px);
   EXPECT_EQ(one.model.parallax_x_px_m, two.model.parallax_x_px_m);
   EXPECT_EQ(one.moves_sigma_px, two.moves_sigma_px);
+}
+
+// One card at one depth in two frames: its shift is told, and a parallax, which nothing tells, is taken for none.
+TEST(Register, ASmallClipTellsAShift) {
+  constexpr int kSide = 120, kOff = 5;
+  Sequence sequence{.camera = {.width = kSide, .height = kSide, .fx = 100, .fy = 100, .cx = 59.5, .cy = 59.5}};
+  std::vector<Image<Rgb8>> color;
+  std::vector<Image<float>> depth_m;
+  for (int i = 0; i < 2; ++i) {
+    sequence.color.push_back({i * 4'000'000, "c"});
+    sequence.depth.push_back({i * 4'000'000, "d"});
+    Image<Rgb8>& picture = color.emplace_back(kSide, kSide);
+    Image<float>& depth = depth_m.emplace_back(kSide, kSide, 2.0F);
+    const auto on_card = [i](int x, int y) { return x >= 30 + i && x < 80 + i && y >= 40 && y < 90; };
+    for (int y = 0; y < kSide; ++y)
+      for (int x = 0; x < kSide; ++x) {
+        const auto paint = static_cast<uint8_t>((on_card(x, y) ? 170 : 70) + 6 * std::sin(0.8 * x) * std::cos(0.7 * y));
+        picture(x, y) = {paint, paint, paint};
+        if (on_card(x - kOff, y)) depth(x, y) = 1.0F;
+      }
+  }
+  const RegistrationEstimate estimate =
+      Estimate(MemorySource(std::move(sequence), std::move(color), std::move(depth_m)));
+  EXPECT_TRUE(estimate.IsOff()) << Summary(estimate);
+  EXPECT_NEAR(estimate.model.right_px, -kOff, 0.5);
+  EXPECT_NEAR(estimate.model.down_px, 0, 0.5);
+  EXPECT_EQ(estimate.model.parallax_x_px_m, 0);
+  EXPECT_EQ(estimate.model.parallax_y_px_m, 0);
 }
 
 // A wall has no edges: said, not guessed, and nothing is moved.
