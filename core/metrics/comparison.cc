@@ -25,7 +25,7 @@ Image<T> Copy(ImageView<const T> view) {
 
 }  // namespace
 
-Comparison::Comparison(std::vector<std::string> method_names) {
+Comparison::Comparison(std::vector<std::string> method_names, float far_m) : far_m_(far_m) {
   for (std::string& name : method_names) {
     methods_.emplace_back();
     methods_.back().name = std::move(name);
@@ -63,7 +63,7 @@ absl::Status Comparison::AddFrame(const TruthFrame& truth, std::span<const Metho
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
       const float true_m = truth.depth_m(x, y);
-      if (!Known(true_m) || true_m >= kFarthestTruthM) continue;
+      if (!Known(true_m) || true_m >= far_m_) continue;
       ++truth_pixels_;
       bool common = true;
       for (size_t m = 0; m < methods.size(); ++m) {

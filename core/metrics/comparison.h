@@ -61,7 +61,8 @@ struct ComparisonScore {
 
 class Comparison {
  public:
-  explicit Comparison(std::vector<std::string> method_names);
+  // Truth beyond `far_m` is not scored.
+  explicit Comparison(std::vector<std::string> method_names, float far_m = kFarthestTruthM);
 
   // Frames in time order. One entry of `methods` for each name. InvalidArgument if a size differs from that of the
   // truth.
@@ -83,6 +84,7 @@ class Comparison {
   void AddFlicker(const Image<float>& truth_m, const std::vector<Image<float>>& estimates_m);
 
   std::vector<Method> methods_;
+  const float far_m_;
   int64_t truth_pixels_ = 0, common_pixels_ = 0, flicker_pixels_ = 0;
   std::vector<FrameScore> frames_;
   // The frame before, for flicker: restricted to common pixels, and where each pixel goes.

@@ -27,7 +27,7 @@ inline constexpr float kFastPx = 4.0F;      // and above which it is fast: 32 px
 inline constexpr float kUntexturedLevels =
     3.0F;                                       // standard deviation of luma: above the noise of a good camera, of 1-2
 inline constexpr int kTextureRadiusPx = 4;      // in a square window of this radius
-inline constexpr float kFarthestTruthM = 8.0F;  // truth beyond is not scored: depth sensors end there
+inline constexpr float kFarthestTruthM = 8.0F;  // truth beyond is not scored unless asked for: depth sensors end there
 
 // Pixels in whose 3x3 window known depths differ by more than kEdgeJumpM. A jump across a hole of one pixel counts:
 // real sensors rarely see both sides of an edge side by side.

@@ -49,7 +49,7 @@ absl::Status SensorFloor::Add(ImageView<const Rgb8> color, ImageView<const float
       for (int x = 0; x < width; ++x)
         changed(x, y) = std::abs(grey(x, y) - previous_grey_(x, y)) >= kStillLevels ? 1 : 0;
     const Image<uint8_t> moves = DilateSquare(changed, kGuardRadius);
-    const auto scored = [](float z) { return z > 0.0F && z < kFarthestTruthM; };
+    const auto scored = [far = far_m_](float z) { return z > 0.0F && z < far; };
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         if (!scored(depth_copy_m(x, y)) || !scored(previous_depth_m_(x, y))) continue;
@@ -68,6 +68,10 @@ absl::Status SensorFloor::Add(ImageView<const Rgb8> color, ImageView<const float
 void SensorFloor::Restart() {
   previous_grey_ = {};
   previous_depth_m_ = {};
+}
+
+double LessTruthNoise(double rmse_mm, double floor_rmse_mm) {
+  return std::sqrt(std::max(0.0, rmse_mm * rmse_mm - 0.5 * floor_rmse_mm * floor_rmse_mm));
 }
 
 double SensorFloor::StillShare() const {

@@ -6,6 +6,7 @@
 
 #include "core/base/image.h"
 #include "core/base/status.h"
+#include "core/metrics/regions.h"
 #include "core/metrics/scores.h"
 
 namespace depthtween {
@@ -17,6 +18,8 @@ namespace depthtween {
 // stand still.
 class SensorFloor {
  public:
+  // Depth beyond `far_m` is not compared.
+  explicit SensorFloor(float far_m = kFarthestTruthM) : far_m_(far_m) {}
   // Depth maps in time order, each with the colour frame of its time. Metres, 0 = unknown.
   // InvalidArgument if sizes differ.
   absl::Status Add(ImageView<const Rgb8> color, ImageView<const float> depth_m);
@@ -27,11 +30,16 @@ class SensorFloor {
   double StillShare() const;
 
  private:
+  const float far_m_;
   DepthErrors differences_;
   int64_t still_pixels_ = 0, known_pixels_ = 0;
   Image<float> previous_grey_;
   Image<float> previous_depth_m_;
 };
+
+// What is left of an error against measured truth when the truth's own noise is taken away: sqrt(rmse^2 - floor^2 / 2),
+// 0 where the noise is all of it. Right as far as the noise where things move is that where nothing does.
+double LessTruthNoise(double rmse_mm, double floor_rmse_mm);
 
 }  // namespace depthtween
 

@@ -64,10 +64,10 @@ absl::StatusOr<std::vector<DepthResult>> RunMethod(const ScoredMethod& method, c
 
 // None when the camera moves.
 absl::StatusOr<std::optional<DepthScore>> MeasureSensorFloor(const SequenceFolder& reference,
-                                                             const std::vector<std::vector<int>>& runs,
+                                                             const std::vector<std::vector<int>>& runs, float far_m,
                                                              const std::stop_token& stop) {
   const Sequence& sequence = reference.sequence();
-  SensorFloor floor;
+  SensorFloor floor(far_m);
   for (const std::vector<int>& run : runs) {
     floor.Restart();
     for (const int d : run) {
@@ -101,8 +101,9 @@ absl::StatusOr<ClipScores> ScoreMethods(const SequenceFolder& reference, ClipTru
 
   std::vector<std::string> names;
   for (const ScoredMethod& method : methods) names.push_back(method.name);
-  Comparison comparison(names);
-  ClipScores scores{.key_every = options.key_every, .truth = truth.kind(), .notes = truth.notes()};
+  Comparison comparison(names, options.far_m);
+  ClipScores scores{
+      .key_every = options.key_every, .truth = truth.kind(), .far_m = options.far_m, .notes = truth.notes()};
   int done = 0;
   for (const Batch& batch : PlanBatches(sequence, frames, one_by_one)) {
     if (options.stop.stop_requested()) return absl::CancelledError("stopped on request");
@@ -137,9 +138,9 @@ absl::StatusOr<ClipScores> ScoreMethods(const SequenceFolder& reference, ClipTru
   if (truth.IsLeftOutDepth()) {
     std::vector<int> all(reference.sequence().depth.size());
     std::iota(all.begin(), all.end(), 0);
-    ASSIGN_OR_RETURN(
-        scores.sensor_floor,
-        MeasureSensorFloor(reference, options.floor_runs.value_or(std::vector<std::vector<int>>{all}), options.stop));
+    ASSIGN_OR_RETURN(scores.sensor_floor,
+                     MeasureSensorFloor(reference, options.floor_runs.value_or(std::vector<std::vector<int>>{all}),
+                                        options.far_m, options.stop));
   }
   return scores;
 }

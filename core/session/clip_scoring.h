@@ -32,7 +32,8 @@ struct ScoringOptions {
   ClipAlignment alignment;
   int key_every = 1;
   ClipConstants constants;
-  int threads = 1;  // does not change the numbers. >= 1
+  float far_m = kFarthestTruthM;  // truth beyond is not scored
+  int threads = 1;                // does not change the numbers. >= 1
   std::stop_token stop = {};
   // What the sensor floor is measured on: runs of consecutive depth maps of the reference. None: all of them.
   std::optional<std::vector<std::vector<int>>> floor_runs = std::nullopt;
@@ -47,6 +48,7 @@ struct ScoringOptions {
 struct ClipScores {
   int key_every = 1;
   std::string truth;                     // "gt/depth" or "left-out depth maps"
+  float far_m = kFarthestTruthM;         // truth beyond was not scored
   ComparisonScore score;                 // methods in the order given
   std::vector<std::string> frame_stems;  // of score.frames
   // What consecutive depth maps of a real sensor differ by where nothing moves; only without gt/depth, and when the

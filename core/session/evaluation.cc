@@ -98,6 +98,7 @@ absl::StatusOr<Evaluation> Evaluate(const EvaluationOptions& options) {
   ASSIGN_OR_RETURN(ClipScores scores, ScoreMethods(*reference, std::move(truth), methods,
                                                    {.alignment = facts.alignment,
                                                     .key_every = facts.key_every,
+                                                    .far_m = options.far_m,
                                                     .threads = options.threads,
                                                     .stop = options.stop,
                                                     .on_frame = options.on_progress}));

@@ -19,8 +19,9 @@ struct EvaluationOptions {
   std::string result_dir;     // what `upsample` left: its report says which depth maps were input
   std::string reference_dir;  // the sequence it was made from
   std::vector<std::string>
-      baselines;    // computed on the same inputs; names of core/baselines. The result's own is left out
-  int threads = 1;  // does not change the numbers. >= 1
+      baselines;                  // computed on the same inputs; names of core/baselines. The result's own is left out
+  float far_m = kFarthestTruthM;  // truth beyond is not scored
+  int threads = 1;                // does not change the numbers. >= 1
   std::stop_token stop = {};
   // Called before each scored frame, from the calling thread. May be empty.
   std::function<void(int done, int total)> on_progress = nullptr;

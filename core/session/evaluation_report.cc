@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/metrics/sensor_floor.h"
 #include "core/session/evaluation.h"
 
 namespace depthtween {
@@ -167,12 +168,17 @@ double CommonShare(const ComparisonScore& score) {
                                 : 0.0;
 }
 
+double RmseLessNoise(const ClipScores& scores, size_t method) {
+  return LessTruthNoise(scores.score.methods[method][Region::kAll].rmse_mm, scores.sensor_floor->rmse_mm);
+}
+
 }  // namespace
 
 json ToJson(const ClipScores& scores) {
   const ComparisonScore& score = scores.score;
   json out = {{"key_every", scores.key_every},
               {"truth", scores.truth},
+              {"far_m", scores.far_m},
               {"notes", scores.notes},
               {"frames_scored", score.frames.size()},
               {"truth_pixels", score.truth_pixels},
@@ -193,7 +199,11 @@ json ToJson(const ClipScores& scores) {
     out["frames"].push_back(
         {{"stem", scores.frame_stems[i]}, {"pixels", score.frames[i].pixels}, {"rmse_mm", std::move(rmse_mm)}});
   }
-  if (scores.sensor_floor) out["sensor_floor"] = ScoreToJson(*scores.sensor_floor);
+  if (scores.sensor_floor) {
+    out["sensor_floor"] = ScoreToJson(*scores.sensor_floor);
+    for (size_t m = 0; m < score.methods.size(); ++m)
+      out["methods"][m]["rmse_less_truth_noise_mm"] = RmseLessNoise(scores, m);
+  }
   return out;
 }
 
@@ -213,12 +223,18 @@ std::string FormatTable(const Evaluation& evaluation, int worst_frames) {
       evaluation.result_dir, evaluation.reference_dir, score.frames.size(), evaluation.truth,
       evaluation.key_every == 1 ? std::string("all depth maps")
                                 : absl::StrFormat("1 in %d depth maps", evaluation.key_every),
-      kFarthestTruthM, 100.0 * CommonShare(score), score.truth_pixels);
+      evaluation.far_m, 100.0 * CommonShare(score), score.truth_pixels);
   text += ScoreTable(evaluation) + RatioTable(evaluation) + MotionTable(evaluation) + UncertaintyLine(score.methods[0]);
   if (evaluation.sensor_floor)
     absl::StrAppendFormat(
         &text, "\nsensor floor: consecutive depth maps differ by %s mm RMSE, %s mm MAE where nothing moves\n",
         Number(evaluation.sensor_floor->rmse_mm), Number(evaluation.sensor_floor->mae_mm));
+  if (evaluation.sensor_floor) {
+    text += "RMSE less the truth's own noise, in mm:";
+    for (size_t m = 0; m < score.methods.size(); ++m)
+      absl::StrAppend(&text, m == 0 ? " " : ", ", score.methods[m].name, " ", Number(RmseLessNoise(evaluation, m)));
+    text += "\n";
+  }
   for (const std::string& note : evaluation.notes) text += "note: " + note + "\n";
   return text + WorstFrames(evaluation, worst_frames);
 }

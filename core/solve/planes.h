@@ -19,7 +19,7 @@ struct Grid {
 
   ptrdiff_t stride() const { return ptrdiff_t{(width + kLanes - 1) / kLanes} * kLanes + kLanes; }
   ptrdiff_t at(int x, int y) const { return (y + 1) * stride() + kLanes + x; }
-  size_t size() const { return static_cast<size_t>((height + 2) * stride() + 2 * kLanes); }
+  size_t size() const { return static_cast<size_t>((height + 2) * stride() + 2 * ptrdiff_t{kLanes}); }
   int blocks_per_row() const { return (width + kLanes - 1) / kLanes; }
   int blocks() const { return blocks_per_row() * height; }
   // body(index of the block's first point, number of the block), in order.

@@ -64,6 +64,10 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
       ->expected(0, 1)
       ->default_str(kQuickBaselines)
       ->type_name("[NAMES]");
+  command->add_option("--far", options.far_m, "Score truth up to this distance")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber)
+      ->type_name("METRES");
   command->add_flag("--json", arguments->json, "Print all scores and curves as JSON");
   command->add_option("--worst", arguments->worst_frames, "Also list the N frames of largest RMSE")
       ->type_name("N")

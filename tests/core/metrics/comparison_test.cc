@@ -137,6 +137,12 @@ TEST(Comparison, RefusesOtherSizesAndSurvivesNothing) {
   EXPECT_EQ(score.frames[0].rmse_mm[0], 0.0);
 }
 
+TEST(SensorFloor, IsTakenFromAnError) {
+  // Two maps differ by the noise of both: 5 mm between an estimate and one map of 3 * sqrt(2) mm of floor leave 4.
+  EXPECT_NEAR(LessTruthNoise(5, 3 * std::sqrt(2.0)), 4, 1e-9);
+  EXPECT_EQ(LessTruthNoise(1, 3), 0);
+}
+
 // Depth alternates by 20 mm everywhere; on the left the colour changes too, so only the right may be compared.
 TEST(SensorFloor, ComparesOnlyWhereColourStandsStill) {
   SensorFloor floor;

@@ -129,6 +129,21 @@ TEST_F(EvaluationTest, ScoresLeftOutDepthMaps) {
   EXPECT_NEAR(evaluation->sensor_floor->rmse_mm, 10.0 * std::sqrt(moving_share), 0.01);
 }
 
+// The wall is 3 m away and the box half as far: with truth up to 2 m only the box is scored, and still.
+TEST_F(EvaluationTest, ScoresNoTruthBeyondWhatIsAskedFor) {
+  const std::string clip = WriteClip("clip", {});
+  const std::string result = WriteResult("result", clip, "hold", 2);
+  const auto all = Evaluate({.result_dir = result, .reference_dir = clip});
+  const auto near = Evaluate({.result_dir = result, .reference_dir = clip, .far_m = 2});
+  ASSERT_TRUE(all.ok() && near.ok());
+  EXPECT_LT(near->score.truth_pixels, all->score.truth_pixels);
+  EXPECT_LT(All(*near, 0).rmse_mm, 0.2);
+  EXPECT_GT(All(*all, 0).rmse_mm, 5);
+  EXPECT_THAT(FormatTable(*near), HasSubstr("known within 2 m"));
+  EXPECT_THAT(FormatTable(*all), HasSubstr("RMSE less the truth's own noise, in mm: hold"));
+  EXPECT_TRUE(ToJson(*all)["methods"][0].contains("rmse_less_truth_noise_mm"));
+}
+
 // Where depth was moved to colour, so is the truth that was left out: linear stays exact, or a box of 1.5 m would be
 // beside itself.
 TEST_F(EvaluationTest, MovesLeftOutDepthAsTheInputWasMoved) {
