@@ -136,6 +136,20 @@ TEST(Register, UnrelatedDepthIsNotMoved) {
   EXPECT_FALSE(estimate.IsOff()) << Summary(estimate);
 }
 
+TEST(Register, DepthOfAnotherSceneTellsNothing) {
+  class OfTwoScenes : public FrameSource {
+   public:
+    const Sequence& sequence() const override { return color_.sequence(); }
+    absl::StatusOr<Image<Rgb8>> Color(int index) const override { return color_.Color(index); }
+    absl::StatusOr<Image<float>> Depth(int index) const override { return depth_.Depth(index); }
+
+   private:
+    const RigSource color_{Rig{.scene = "kick"}}, depth_{Rig{.scene = "bounce"}};
+  };
+  const RegistrationEstimate estimate = Estimate(OfTwoScenes());
+  EXPECT_THAT(estimate.reason, HasSubstr("no shift, scale and parallax")) << Summary(estimate);
+}
+
 TEST(Register, RefusesOptionsAndStops) {
   const MovingDiscs clip({.seconds = 0.1});
   EXPECT_THAT(std::string(EstimateRegistration(clip, {.max_keys = 0}).status().message()),
