@@ -16,8 +16,10 @@
 namespace depthtween {
 
 struct RegisterOptions {
-  int max_keys = 16;  // depth frames looked at, spread evenly over the clip. >= 1
-  int threads = 1;    // does not change the result. >= 1
+  // Depth frames looked at, spread evenly over the clip; of images beyond 640 x 480 as many fewer as keep the memory,
+  // 20 bytes for each of their pixels, but at least 4. >= 1
+  int max_keys = 16;
+  int threads = 1;  // does not change the result. >= 1
   std::stop_token stop = {};
 
   // InvalidArgument with field, value and rule.
