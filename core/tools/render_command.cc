@@ -110,8 +110,9 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
   AddThreads(*command, arguments->threads);
   command->add_flag("--force", arguments->force, "Replace what is at OUT");
   AddRenderFlags(*command, arguments->flags);
-  arguments->upsample_flags = AddOptionFlags(*command, UpsampleOptionSpecs(), arguments->upsample,
-                                             {"preset", "causal", "self_check", "clock", "without", "literal"});
+  arguments->upsample_flags =
+      AddOptionFlags(*command, UpsampleOptionSpecs(), arguments->upsample,
+                     {"preset", "causal", "self_check", "fill", "clock", "register", "without", "literal"});
   command->callback([=] { *exit_code = ReportStatus(Render(*arguments)); });
 }
 
