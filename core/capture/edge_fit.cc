@@ -86,6 +86,8 @@ std::vector<float> Radii(float widest_px) {
 
 }  // namespace
 
+double Nearness(const DepthEdge& edge, double reference_m) { return std::min(100.0, reference_m / edge.near_m - 1); }
+
 DepthEdge Registered(DepthEdge edge, const Registration& registration, int width, int height) {
   const Flow2 move = registration.Displacement(width, height, edge.x, edge.y, edge.near_m);
   edge.x += move.u, edge.y += move.v;
@@ -100,11 +102,12 @@ Comparisons CompareEdges(const MovingPicture& picture, const std::vector<DepthEd
   Comparisons comparisons;
   for (size_t e = 0; e < edges.size(); e += every) {
     const DepthEdge edge = Registered(edges[e], look.registration, look.width, look.height);
+    if (!picture.Contains(edge.x, edge.y, 0)) continue;
     const MovingPicture::Moved moved = picture.Move(edge, look.apart_ms);
     if (!picture.Contains(moved.x, moved.y, kReachPx + 1)) continue;
     const double nx = edge.normal_x, ny = edge.normal_y, speed = moved.velocity_x * nx + moved.velocity_y * ny;
     const double from_middle = (edge.x - half_width) * nx + (edge.y - half_height) * ny;
-    const double nearness = look.registration.reference_m / edge.near_m - 1;
+    const double nearness = Nearness(edge, look.registration.reference_m);
     Comparison comparison;
     comparison.causes << -speed, -speed * look.place, -speed * (moved.y - half_height) / half_height, -1, -nx, -ny,
         -from_middle / half_width, -nx * nearness, -ny * nearness;

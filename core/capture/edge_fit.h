@@ -61,6 +61,10 @@ struct EdgeLook {
 };
 Comparisons CompareEdges(const MovingPicture& picture, const std::vector<DepthEdge>& edges, const EdgeLook& look);
 
+// How much nearer than the reference an edge is, as a share of how near that is; at most 100, since what is nearer
+// still is a depth of next to nothing.
+double Nearness(const DepthEdge& edge, double reference_m);
+
 // Where an edge is seen once `registration` is applied.
 DepthEdge Registered(DepthEdge edge, const Registration& registration, int width, int height);
 

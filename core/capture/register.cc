@@ -55,7 +55,7 @@ Moves MovesOf(const std::vector<Key>& keys, const Registration& registration, co
     for (const DepthEdge& edge : key.edges) {
       const Flow2 move = registration.Displacement(width, height, edge.x, edge.y, edge.near_m);
       squares += move.u * move.u + move.v * move.v;
-      const double nearness = registration.reference_m / edge.near_m - 1;
+      const double nearness = Nearness(edge, registration.reference_m);
       Causes x = Causes::Zero(), y = Causes::Zero();
       x(kRight) = 1, x(kLarger) = (edge.x - middle_x) / middle_x, x(kNearX) = nearness;
       y(kDown) = 1, y(kLarger) = (edge.y - middle_y) / middle_x, y(kNearY) = nearness;
@@ -207,6 +207,11 @@ absl::StatusOr<RegistrationEstimate> EstimateRegistration(const FrameSource& sou
   estimate.moves_px = moves.px;
   estimate.moves_sigma_px = moves.sigma_px;
   estimate.edges = fitting.edges();
+
+  const double all = estimate.moves_px + estimate.moves_sigma_px + estimate.shift_sigma_px + estimate.scale_sigma +
+                     estimate.parallax_sigma_px_m + estimate.model.right_px + estimate.model.down_px +
+                     estimate.model.scale + estimate.model.parallax_x_px_m + estimate.model.parallax_y_px_m;
+  if (!std::isfinite(all)) return RegistrationEstimate{.reason = "depth beyond all reason", .keys = estimate.keys};
 
   // What the fit makes of a search must not be worse than it; and edges that hardly meet colour anywhere tell nothing.
   constexpr double kKept = 0.8, kTellingPx = 1.0, kTellingShare = 0.2;

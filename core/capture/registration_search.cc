@@ -76,6 +76,11 @@ EdgeScene::EdgeScene(ImageView<const Rgb8> color, const std::vector<DepthEdge>& 
   }
 }
 
+int EdgeScene::CellOf(float px) const {
+  constexpr float kBeyond = 1e6F;  // of any image; a depth of next to nothing has any parallax
+  return static_cast<int>(std::floor(std::clamp((px + 0.5F) / cell_px_, -kBeyond, kBeyond)));
+}
+
 float EdgeScene::Vote(size_t e, int x, int y) const {
   const DepthEdge& edge = edges_[e];
   // Beyond the image nothing is known.
@@ -86,9 +91,9 @@ float EdgeScene::Vote(size_t e, int x, int y) const {
 
 float EdgeScene::VoteBetween(size_t e, float x_px, float y_px) const {
   // Cell centres lie at (i + 1/2) cells less half a pixel.
-  const float x = (x_px + 0.5F) / cell_px_ - 0.5F, y = (y_px + 0.5F) / cell_px_ - 0.5F;
-  const int left = static_cast<int>(std::floor(x)), top = static_cast<int>(std::floor(y));
-  const float a = x - static_cast<float>(left), b = y - static_cast<float>(top);
+  const int left = CellOf(x_px - 0.5F * cell_px_), top = CellOf(y_px - 0.5F * cell_px_);
+  const float a = std::clamp((x_px + 0.5F) / cell_px_ - 0.5F - static_cast<float>(left), 0.0F, 1.0F);
+  const float b = std::clamp((y_px + 0.5F) / cell_px_ - 0.5F - static_cast<float>(top), 0.0F, 1.0F);
   return (1 - b) * ((1 - a) * Vote(e, left, top) + a * Vote(e, left + 1, top)) +
          b * ((1 - a) * Vote(e, left, top + 1) + a * Vote(e, left + 1, top + 1));
 }
@@ -153,8 +158,7 @@ RegistrationSearch SearchRegistration(const std::vector<EdgeScene>& scenes, doub
       for (size_t e = 0; e < scene.edges().size(); ++e) {
         const DepthEdge& edge = scene.edges()[e];
         const Flow2 move = rest.Displacement(width, height, edge.x, edge.y, edge.near_m);
-        const int x = static_cast<int>(std::floor((edge.x + 0.5F + move.u) / static_cast<float>(cell)));
-        const int y = static_cast<int>(std::floor((edge.y + 0.5F + move.v) / static_cast<float>(cell)));
+        const int x = scene.CellOf(edge.x + move.u), y = scene.CellOf(edge.y + move.v);
         double* row = votes.data();
         for (int dy = -half; dy <= half; ++dy)
           for (int dx = -half; dx <= half; ++dx) *row++ += scene.Vote(e, x + dx, y + dy);

@@ -22,6 +22,8 @@ class EdgeScene {
   // Cells of a few pixels: what a search has to tell apart.
   static int CellPx(int width);
   const std::vector<DepthEdge>& edges() const { return edges_; }
+  // The cell of a place, in pixels; one beyond the image for places beyond all reason.
+  int CellOf(float px) const;
   // 0 to 1: the contrast across edge e at a cell against that of the places around the edge.
   float Vote(size_t e, int x, int y) const;
   // The same at a place in pixels, interpolated.

@@ -59,6 +59,7 @@ absl::StatusOr<std::vector<float>> VotesForShifts(const FrameSource& source, con
     for (size_t e = 0; e < edge_count; ++e) {
       const DepthEdge edge =
           Registered(key.edges[e * every], registration, sequence.camera.width, sequence.camera.height);
+      if (!picture.Contains(edge.x, edge.y, 0)) continue;
       const MovingPicture::Moved moved = picture.Move(edge, apart_ms);
       if (!picture.Contains(moved.x, moved.y, 3)) continue;
       float best = 0;

@@ -102,6 +102,25 @@ TEST(Register, ASmallClipTellsAShift) {
   EXPECT_EQ(estimate.model.parallax_y_px_m, 0);
 }
 
+// A depth scale of nonsense: depths of next to nothing beside others. Whatever is said of it is a number.
+TEST(Register, DepthBeyondAllReasonIsNotMoved) {
+  class Nonsense : public MovingDiscs {
+   public:
+    using MovingDiscs::MovingDiscs;
+    absl::StatusOr<Image<float>> Depth(int index) const override {
+      ASSIGN_OR_RETURN(Image<float> depth, MovingDiscs::Depth(index));
+      for (int y = 0; y < kHeight; ++y)
+        for (int x = 0; x < kWidth / 2; ++x) depth(x, y) *= 1e-30F;
+      return depth;
+    }
+  };
+  const RegistrationEstimate estimate = Estimate(Nonsense({.seconds = 0.2}));
+  EXPECT_FALSE(estimate.IsOff()) << Summary(estimate);
+  for (const double number : {estimate.moves_px, estimate.moves_sigma_px, estimate.shift_sigma_px, estimate.scale_sigma,
+                              estimate.parallax_sigma_px_m, estimate.model.right_px, estimate.model.scale})
+    EXPECT_TRUE(std::isfinite(number));
+}
+
 // A wall has no edges: said, not guessed, and nothing is moved.
 TEST(Register, AWallTellsNothing) {
   Sequence sequence{.camera = {.width = 64, .height = 48, .fx = 50, .fy = 50, .cx = 32, .cy = 24},

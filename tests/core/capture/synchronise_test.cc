@@ -106,6 +106,25 @@ TEST(Synchronise, IsNotFooledByAWrongRegistration) {
   }
 }
 
+// Depths of next to nothing leave the clock of the others, or none; every number is one.
+TEST(Synchronise, BearsDepthBeyondAllReason) {
+  class Nonsense : public MovingDiscs {
+   public:
+    using MovingDiscs::MovingDiscs;
+    absl::StatusOr<Image<float>> Depth(int index) const override {
+      ASSIGN_OR_RETURN(Image<float> depth, MovingDiscs::Depth(index));
+      for (int y = 0; y < kHeight / 2; ++y)
+        for (int x = 0; x < kWidth; ++x) depth(x, y) *= 1e-30F;
+      return depth;
+    }
+  };
+  const auto estimate = EstimateClock(Nonsense({.seconds = 0.5}), {.max_keys = 12, .threads = 2});
+  ASSERT_TRUE(estimate.ok()) << estimate.status();
+  for (const double number : {estimate->model.offset_ns, estimate->model.drift_ppm, estimate->offset_sigma_ns,
+                              estimate->drift_sigma_ppm, estimate->stamp_sigma_ns, estimate->row_time_sigma_ns})
+    EXPECT_TRUE(std::isfinite(number));
+}
+
 // Nothing moves, so every clock explains the images: said, not guessed.
 TEST(Synchronise, AStillSceneTellsNothing) {
   const ClockEstimate estimate = Estimate({.seconds = 1, .speed = 0}, 12);
