@@ -55,12 +55,11 @@ TEST_P(RegisterRig, IsRecovered) {
 }
 
 INSTANTIATE_TEST_SUITE_P(OfTheLibrary, RegisterRig,
-                         testing::Values(Rig{.scene = "bounce"}, Rig{.scene = "pan"},
-                                         Rig{.scene = "kick", .right_px = 3}, Rig{.scene = "kick", .scale = 0.9},
+                         testing::Values(Rig{.scene = "pan"}, Rig{.scene = "kick", .right_px = 3},
                                          Rig{.scene = "bounce", .right_px = 20, .down_px = -6},
                                          Rig{.scene = "cloth", .right_px = -7, .down_px = 12},
                                          Rig{.scene = "pan", .down_px = 5, .beside_m = 0.06},
-                                         Rig{.scene = "turntable", .right_px = 4, .scale = 1.1, .beside_m = -0.03}),
+                                         Rig{.scene = "turntable", .right_px = 4, .scale = 0.9, .beside_m = -0.03}),
                          [](const testing::TestParamInfo<Rig>& info) {
                            return info.param.scene + std::to_string(info.index);
                          });

@@ -21,7 +21,7 @@ struct Rig {
 class RigSource : public FrameSource {
  public:
   explicit RigSource(const Rig& rig) : rig_(rig) {
-    auto made = SyntheticSequence::Create({.scene = rig.scene, .frames = 25, .width = 320, .height = 240}, 2);
+    auto made = SyntheticSequence::Create({.scene = rig.scene, .frames = 17, .width = 320, .height = 240}, 2);
     EXPECT_TRUE(made.ok()) << made.status();
     recording_ = *std::move(made);
     camera_ = recording_->sequence().camera;

@@ -95,15 +95,11 @@ TEST(Synchronise, IsNotFooledByAWrongRegistration) {
       return shifted;
     }
   };
-  for (const double offset_ms : {0.0, 12.0}) {
-    const auto estimate =
-        EstimateClock(Shifted({.seconds = 2, .offset_ms = offset_ms}), {.max_keys = 24, .threads = 2});
-    ASSERT_TRUE(estimate.ok()) << estimate.status();
-    if (!estimate->reason.empty()) continue;
-    EXPECT_LT(std::abs(estimate->model.offset_ns - 1e6 * offset_ms), 3 * estimate->offset_sigma_ns)
-        << Summary(*estimate);
-    EXPECT_NEAR(estimate->model.offset_ns, 1e6 * offset_ms, 2e6) << Summary(*estimate);
-  }
+  constexpr double kOffsetMs = 12;
+  const auto estimate = EstimateClock(Shifted({.seconds = 1, .offset_ms = kOffsetMs}), {.max_keys = 16, .threads = 2});
+  ASSERT_TRUE(estimate.ok()) << estimate.status();
+  if (!estimate->reason.empty()) return;
+  EXPECT_LT(std::abs(estimate->model.offset_ns - 1e6 * kOffsetMs), 3 * estimate->offset_sigma_ns) << Summary(*estimate);
 }
 
 // Depths of next to nothing leave the clock of the others, or none; every number is one.
@@ -118,7 +114,7 @@ TEST(Synchronise, BearsDepthBeyondAllReason) {
       return depth;
     }
   };
-  const auto estimate = EstimateClock(Nonsense({.seconds = 0.5}), {.max_keys = 12, .threads = 2});
+  const auto estimate = EstimateClock(Nonsense({.seconds = 0.3}), {.max_keys = 6, .threads = 2});
   ASSERT_TRUE(estimate.ok()) << estimate.status();
   for (const double number : {estimate->model.offset_ns, estimate->model.drift_ppm, estimate->offset_sigma_ns,
                               estimate->drift_sigma_ppm, estimate->stamp_sigma_ns, estimate->row_time_sigma_ns})
