@@ -142,7 +142,7 @@ class Fitting {
 
 absl::StatusOr<std::vector<Key>> ReadKeys(const FrameSource& source, const RegisterOptions& options) {
   constexpr size_t kMaxSearchedEdges = 6000;  // of all keys: a vote of so many is sharp enough
-  constexpr int64_t kMostPixels = 20 * 640 * 480, kFewestKeys = 4;
+  constexpr int64_t kMostPixels = int64_t{20} * 640 * 480, kFewestKeys = 4;
   const Camera& camera = source.sequence().camera;
   const int64_t affordable = std::max(kFewestKeys, kMostPixels / (int64_t{camera.width} * camera.height));
   const int total = static_cast<int>(source.sequence().depth.size());
