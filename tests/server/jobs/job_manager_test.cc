@@ -198,7 +198,8 @@ TEST_F(JobManagerTest, FullDiskFailsTheTaskAndHarmsNothingElse) {
   const std::string ready = ReadySequence();
   const std::string sequence = ReadySequence("wait_at 1\nfill_at 1\n");
   const std::string job = NewJobOn(sequence);
-  WaitUntil([&] { return View(job).record.intervals_done == 1; });
+  // The next interval has begun: on a full disk none would.
+  WaitUntil([&] { return View(job).record.intervals_done == 1 && Logged(sequence, "start").size() == 2; });
   // Half a megabyte is left: too little for the child's one, enough for the database.
   const int64_t filler = Take(blobs_->FreeBytes()) - (512 << 10);
   ASSERT_GT(filler, 0);
@@ -224,7 +225,8 @@ TEST_F(JobManagerTest, FullDiskMakesTheQueueWait) {
   const std::string ready = ReadySequence();
   const std::string sequence = ReadySequence("wait_at 1\nfill_at 1\n");
   const std::string job = NewJobOn(sequence);
-  WaitUntil([&] { return View(job).record.intervals_done == 1; });
+  // The next interval has begun: on a full disk none would.
+  WaitUntil([&] { return View(job).record.intervals_done == 1 && Logged(sequence, "start").size() == 2; });
   std::vector<std::string> waiting;
   for (int i = 0; i < 5; ++i) waiting.push_back(NewJobOn(ready));
   const int64_t filler = Take(blobs_->FreeBytes()) - (512 << 10);
